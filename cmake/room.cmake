@@ -1,0 +1,30 @@
+# One room, one target: kfstab_room(filters DEPENDS Eigen3::Eigen PRIVATE ...).
+#
+# A room's headers are seen as <kfstab/ROOM/NAME.hpp> and only by the targets that link to the room:
+# build/include/ROOM is the include root of that target alone, and build/include/ROOM/kfstab/ROOM links to the
+# room's folder. So an include that points against the arrows does not build. Sources in the room's folder are
+# part of its target by being there.
+function(kfstab_room room)
+  cmake_parse_arguments(arg "" "" "DEPENDS;PRIVATE;SOURCES" ${ARGN})
+  set(root ${PROJECT_BINARY_DIR}/include/${room})
+  file(MAKE_DIRECTORY ${root}/kfstab)
+  file(CREATE_LINK ${CMAKE_CURRENT_SOURCE_DIR} ${root}/kfstab/${room} SYMBOLIC)
+
+  file(GLOB headers CONFIGURE_DEPENDS RELATIVE ${CMAKE_CURRENT_SOURCE_DIR} *.hpp *.inc)
+  list(TRANSFORM headers PREPEND ${root}/kfstab/${room}/)
+  file(GLOB sources CONFIGURE_DEPENDS *.cpp)
+
+  add_library(kfstab_${room} STATIC ${sources} ${arg_SOURCES})
+  add_library(kfstab::${room} ALIAS kfstab_${room})
+  target_sources(kfstab_${room} PUBLIC FILE_SET HEADERS BASE_DIRS ${root} FILES ${headers})
+  target_compile_features(kfstab_${room} PUBLIC cxx_std_20)
+  target_link_libraries(kfstab_${room} PUBLIC ${arg_DEPENDS} PRIVATE ${arg_PRIVATE} $<BUILD_INTERFACE:kfstab_warnings>)
+  set_target_properties(kfstab_${room} PROPERTIES
+    EXPORT_NAME ${room} OUTPUT_NAME kfstab_${room} POSITION_INDEPENDENT_CODE ON VERIFY_INTERFACE_HEADER_SETS ON)
+endfunction()
+
+# Warnings are ours, not our users': linked privately, never exported.
+add_library(kfstab_warnings INTERFACE)
+target_compile_options(kfstab_warnings INTERFACE
+  -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wno-sign-conversion
+  $<$<BOOL:${KFSTAB_WARNINGS_AS_ERRORS}>:-Werror>)

@@ -1,0 +1,50 @@
+#pragma once
+
+#include <Eigen/Core>
+
+#ifdef __FAST_MATH__
+#error "kfstab studies rounding: -ffast-math lets the compiler change it. Build without it."
+#endif
+
+namespace kfstab {
+
+using Index = Eigen::Index;
+inline constexpr int Dynamic = Eigen::Dynamic;
+
+template <class Scalar, int Rows = Dynamic, int Cols = Dynamic>
+using Matrix = Eigen::Matrix<Scalar, Rows, Cols>;
+
+template <class Scalar, int Rows = Dynamic>
+using Vector = Eigen::Matrix<Scalar, Rows, 1>;
+
+/// The three sizes of a model: n states, m process noises, p outputs. Each may be 0 where the maths allows.
+struct Dimensions {
+  Index n = 0;
+  Index m = 0;
+  Index p = 0;
+
+  friend bool operator==(const Dimensions&, const Dimensions&) = default;
+};
+
+/// u, the unit roundoff: the largest relative error of one rounding, half the distance from 1 to the next number.
+/// It is LAPACK's DLAMCH('E'); 2^-53 for double.
+template <class Scalar>
+Scalar unit_roundoff() {
+  return Eigen::NumTraits<Scalar>::epsilon() / Scalar(2);
+}
+
+/// Neither infinite nor NaN, for any scalar: infinities and NaN are the numbers whose difference with themselves is not 0.
+template <class Scalar>
+bool is_finite(const Scalar& x) {
+  return x - x == Scalar(0);
+}
+
+template <class Derived>
+bool all_finite(const Eigen::MatrixBase<Derived>& X) {
+  for (Index j = 0; j < X.cols(); ++j)
+    for (Index i = 0; i < X.rows(); ++i)
+      if (!is_finite(typename Derived::Scalar(X(i, j)))) return false;
+  return true;
+}
+
+}  // namespace kfstab

@@ -1,0 +1,62 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <variant>
+#include <vector>
+
+#include <kfstab/filters/state_space.hpp>
+
+/// The very numbers that one parametrisation takes. The reference starts from a Problem too, and reads it exactly, so
+/// that a filter is measured by its own rounding alone, never by that of its input.
+namespace kfstab {
+
+/// A problem in one parametrisation, for models of any size.
+template <class ModelType>
+struct Problem {
+  using Model = ModelType;
+  using Scalar = typename Model::Scalar;
+
+  /// Model k is models[k mod size]: one for a time-invariant system, a period's worth, or one a step.
+  std::vector<Model> models;
+  /// P0, S0 (lower) or T0 (upper), as the parametrisation says: that of x_{0|-1}.
+  Matrix<Scalar> initial;
+  /// x_{0|-1}.
+  Vector<Scalar> x0;
+
+  const Model& model(std::int64_t k) const { return models[static_cast<std::size_t>(k) % models.size()]; }
+  Dimensions dimensions() const { return models.front().dimensions(); }
+  bool time_invariant() const { return models.size() == 1; }
+};
+
+template <class Scalar>
+using AnyProblem =
+    std::variant<Problem<CovarianceModel<Scalar>>, Problem<RootModel<Scalar>>, Problem<InformationModel<Scalar>>>;
+
+template <class Scalar>
+Parametrisation parametrisation(const AnyProblem<Scalar>& problem) {
+  return static_cast<Parametrisation>(problem.index());
+}
+
+/// What one step brings: the measurement y_k (p) and the known input u_k (as many as D has columns).
+struct StepData {
+  Vector<double> y;
+  Vector<double> u;
+};
+
+/// The data of a run in the order of time. Streams hold one step at a time, so a run of any length fits.
+class DataStream {
+ public:
+  virtual ~DataStream() = default;
+  /// y_k and u_k of the next k, from k = 0 on; valid until the next call.
+  virtual const StepData& next() = 0;
+};
+
+/// Where data come from; a run without Data computes covariances and gains alone. Every stream that it opens brings the same numbers: from step 0.
+class Data {
+ public:
+  virtual ~Data() = default;
+  virtual std::unique_ptr<DataStream> open() const = 0;
+};
+
+}  // namespace kfstab

@@ -1,0 +1,44 @@
+#pragma once
+
+namespace kfstab {
+
+/// How a step ended. Filters never throw: a step that cannot be done says why, and the previous state stands.
+enum class Status {
+  ok,
+  /// Re, or its root, is singular to working precision: rcond is below the tolerance. No gain exists.
+  singular_innovation,
+  /// A leading minor of Re is not positive: its Cholesky factorisation could not be completed.
+  not_positive_definite,
+  /// The information root T is singular to working precision: no state estimate exists.
+  singular_information,
+  /// The model or the data held a NaN or an infinity.
+  non_finite_input,
+  /// All input was finite, the result is not.
+  overflow,
+};
+
+/// The status in words, as messages and tables print it: "singular_innovation".
+constexpr const char* name(Status status) {
+  switch (status) {
+    case Status::ok: return "ok";
+    case Status::singular_innovation: return "singular_innovation";
+    case Status::not_positive_definite: return "not_positive_definite";
+    case Status::singular_information: return "singular_information";
+    case Status::non_finite_input: return "non_finite_input";
+    case Status::overflow: return "overflow";
+  }
+  return "unknown";
+}
+
+/// What a step says of itself.
+template <class Scalar>
+struct StepReport {
+  Status status = Status::ok;
+  /// Reciprocal condition number in the 1-norm, estimated, of what the form must invert: Re for the forms that hold P,
+  /// Re^{1/2} for a square-root covariance filter, T for an information filter. 1 where there is nothing to invert.
+  Scalar rcond = Scalar(1);
+
+  explicit operator bool() const { return status == Status::ok; }
+};
+
+}  // namespace kfstab
