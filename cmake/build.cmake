@@ -1,0 +1,20 @@
+# How this tree is built when it is itself the project, and what it refuses however it is built.
+string(TOUPPER "${CMAKE_BUILD_TYPE}" build_type)
+foreach(flags "${CMAKE_CXX_FLAGS}" "${CMAKE_CXX_FLAGS_${build_type}}")
+  if(flags MATCHES "(^| )(-ffast-math|-Ofast|-funsafe-math-optimizations|-fassociative-math|-freciprocal-math|-ffinite-math-only)( |$)")
+    message(FATAL_ERROR
+      "${CMAKE_MATCH_2} lets the compiler change the rounding that kfstab is there to measure. Take it out of the flags: ${flags}")
+  endif()
+endforeach()
+
+if(PROJECT_IS_TOP_LEVEL)
+  if(NOT CMAKE_BUILD_TYPE AND NOT CMAKE_CONFIGURATION_TYPES)
+    set(CMAKE_BUILD_TYPE Release)
+  endif()
+  set(CMAKE_RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/bin)
+  # CCACHE_DISABLE=1 in the environment compiles in earnest.
+  find_program(KFSTAB_CCACHE ccache)
+  if(KFSTAB_CCACHE AND NOT DEFINED CMAKE_CXX_COMPILER_LAUNCHER)
+    set(CMAKE_CXX_COMPILER_LAUNCHER ${KFSTAB_CCACHE})
+  endif()
+endif()
