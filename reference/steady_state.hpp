@@ -1,0 +1,31 @@
+#pragma once
+
+#include <kfstab/filters/problem.hpp>
+#include <kfstab/reference/error.hpp>
+
+namespace kfstab::reference {
+
+/// Where a time-invariant filter goes: the stabilising solution of the discrete algebraic Riccati equation
+///
+///     P = A P A' - A P C' (R + C P C')^{-1} C P A' + B Q B',
+///
+/// each entry computed in high precision and rounded once.
+struct SteadyState {
+  Matrix<double> P;               ///< P_{k+1|k} as k grows
+  Matrix<double> predictor_gain;  ///< K = A P C' Re^{-1}
+  Matrix<double> closed_loop;     ///< F = A - K C
+  double spectral_radius = 0;     ///< rho(F) < 1: symmetric errors are forgotten by rho(F)^2 a step
+  double residual = 0;            ///< of the equation, relative to ||P||_F, before rounding
+  int certified_digits = 0;       ///< of P: agreement of two precisions
+};
+
+/// By structure-preserving doubling: 2^j steps of the recursion at the cost of one, so the steps needed are as the
+/// logarithm of 1/(1 - rho(F)). The problem's initial condition is not used.
+/// Throws ReferenceError if the problem is not time-invariant, R is singular, the doubling does not converge, or the
+/// solution it finds is not stabilising (an unstable or marginal mode that the noise does not excite).
+SteadyState steady_state(const AnyProblem<double>& problem);
+
+/// The largest modulus of an eigenvalue; 0 for 0 x 0. In double: good to about u times the eigenvalue's condition.
+double spectral_radius(const Matrix<double>& X);
+
+}  // namespace kfstab::reference

@@ -1,0 +1,122 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+
+#include <kfstab/filters/any_filter.hpp>
+#include <kfstab/filters/metadata.hpp>
+#include <kfstab/filters/problem.hpp>
+#include <kfstab/reference/error.hpp>
+
+/// The truth: the Riccati recursion and the state, in a precision high enough to certify its digits, stepped beside the
+/// filters.
+///
+///     Trajectory truth(problem, data);
+///     filter->start(problem);
+///     for (k = 0; k < steps; ++k) {
+///       truth.advance();
+///       auto step = filter->step(k, ...);
+///       Errors errors = truth.measure(filter->metadata(), step);
+///     }
+namespace kfstab::reference {
+
+/// What was true at step k, each entry rounded once to double.
+struct Truth {
+  Matrix<double> P_predicted;  ///< P_{k|k-1}
+  Matrix<double> P_filtered;   ///< P_{k|k}
+  Matrix<double> P_next;       ///< P_{k+1|k}
+  Matrix<double> information;  ///< P_{k|k}^{-1}; empty unless the problem is an information problem
+
+  Matrix<double> innovation;      ///< Re = R + C P C', p x p
+  Matrix<double> predictor_gain;  ///< K = A P C' Re^{-1}, n x p
+  Matrix<double> filter_gain;     ///< Kf = P C' Re^{-1}, n x p
+  Matrix<double> closed_loop;     ///< F = A - K C: carries an error of P_{k|k-1} to P_{k+1|k}
+  /// (I - Kf C_k) A_{k-1}: carries an error of P_{k-1|k-1} to P_{k|k}. At k = 0 there is no A_{k-1}: I - Kf C.
+  Matrix<double> filtered_closed_loop;
+
+  /// x_{k|k-1}, x_{k|k}, x_{k+1|k}; empty in a run without data.
+  Vector<double> x_predicted, x_filtered, x_next;
+
+  /// k_2(Re), right to all its digits however large; 1 if p = 0.
+  double innovation_condition = 1;
+  /// cos = ||S_{k+1|k}|| / ||[G S_{k+1|k}]|| = (||P_{k+1|k}|| / ||A P_{k|k-1} A' + B Q B'||)^{1/2}: how much of the
+  /// predicted covariance is left after the downdate. 1 where both are 0.
+  double cosine = 1;
+  /// { k(A) + k(R^{1/2}) + (t1/tm) [k(Q^{1/2}) + k(A)] } / cos3, what multiplies u in one step of a square-root
+  /// information filter, k-1|k-1 to k|k; A and Q are those of step k-1, t1 and tm the extreme singular values of
+  /// Qe^{-1/2}. At k = 0, where only R^{-1/2} C is annexed to T0, (1 + k(R^{1/2})) / cos3. NaN unless the problem is an
+  /// information problem.
+  double information_amplification = 0;
+};
+
+/// How far a filter is from the truth after one step: measured in the reference's precision, from the exact values of
+/// the doubles that it holds. A factor's P is formed exactly (S S' rounded to double would be indefinite half of the
+/// time once k(S) > 1e8). Relative to a truth of exactly zero, an error is 0 or infinite. What the filter does not
+/// have, or holds with a NaN or an infinity in it, has error NaN.
+struct Errors {
+  double covariance;   ///< ||P^ - P||_F / ||P||_F, P predicted or filtered as metadata.instant says
+  double information;  ///< ||T'T - P^{-1}||_F / ||P^{-1}||_F of one that holds T, else NaN
+  double gain;         ///< ||K^ - K||_F / ||K||_F, of the gain that the filter computes: metadata.gain
+  double state;        ///< ||x^ - x|| / ||x||; NaN in a run without data
+  /// max |p^_ij - p_ij| / sqrt(p_ii p_jj), free of the units of the state. States whose true variance is zero, or not
+  /// certified (Trajectory::certified_digits is about norms), are left out.
+  double entrywise;
+  double asymmetry;            ///< ||P^ - P^'||_F / (2 ||P||_F); 0 for a factor
+  double smallest_eigenvalue;  ///< of the symmetric part of P^, with several digits right even when far below u ||P||
+  bool positive_semidefinite;  ///< of the symmetric part of P^, decided exactly; always so for finite factors
+  double correct_digits;       ///< -log10(covariance), within [0, 15.95]; 0 if that is NaN
+};
+
+/// The reference trajectory of one problem. Holds the current step and nothing before it.
+///
+/// It starts from the very numbers of the Problem, read exactly: P0, Q, R as they stand; from roots S0 S0' and so on,
+/// reading lower triangles alone; from an information problem A = (A^{-1})^{-1}, B = A (A^{-1} B), Q, R and P0 from
+/// upper triangles, E w through w_mean. Then, theory (1):
+///
+///     Re = R + C P C',  Kf = P C' Re^{-1},  P_{k|k} = (I - Kf C) P (I - Kf C)' + Kf R Kf',  P+ = A P_{k|k} A' + B Q B',
+///     x_{k|k} = x + Kf (y - C x),  x+ = A x_{k|k} + B E w + D u.
+///
+/// The recursion runs twice, at neighbouring rungs of a ladder of precisions (high_precision.hpp). The lower run has
+/// each of its intermediate results moved by one unit in its last place, up or down, so that the two cannot agree by
+/// losing the same small addend: where they agree to d digits, d digits bear rounding at the lower precision, and are
+/// certified. The truth is read from the higher run. When fewer digits agree than were asked for, both climb a rung and
+/// the run is replayed from step 0 (the data opened anew), unseen by the caller.
+///
+/// Trajectories share nothing: each may run in a thread of its own, and gives the same bits there.
+class Trajectory {
+ public:
+  /// The problem must outlive the trajectory. data may be null: covariances and gains alone.
+  /// digits: to be certified, up to 1500. first_digits: the precision to try first, raised to the next rung.
+  /// Throws ReferenceError on shapes that do not agree, numbers that are not finite, Q, R or P0 that are not exactly
+  /// symmetric, a singular A^{-1}, Q^{-1/2}, R^{-1/2} or T0.
+  Trajectory(const AnyProblem<double>& problem, std::shared_ptr<const Data> data, int digits = 30,
+             int first_digits = 50);
+  Trajectory(AnyProblem<double>&&, std::shared_ptr<const Data>, int = 30, int = 50) = delete;
+  ~Trajectory();
+  Trajectory(Trajectory&&) noexcept;
+  Trajectory& operator=(Trajectory&&) noexcept;
+
+  /// Computes step k = 0, 1, 2 ... Throws ReferenceError if Re is not positive definite, if a result does not fit a
+  /// double, if the data do not fit the model, or if the digits cannot be certified; then the trajectory is at its end.
+  void advance();
+
+  /// The step that truth() is of; -1 before the first.
+  std::int64_t k() const;
+  const Truth& truth() const;
+
+  /// The least agreement of the two runs, in decimal digits, over all quantities and steps so far; no more than the
+  /// lower precision has. P, P_{k|k}, Re and P^{-1} agree relative to their Frobenius norms. K, Kf, F and x too, unless
+  /// both runs say that they are 0: all that is left is rounding of the terms that they are the difference of.
+  int certified_digits() const;
+  /// Decimal digits of the run that the truth is read from.
+  int working_digits() const;
+
+  /// Of a filter that has just done step k() of the same problem.
+  Errors measure(const Metadata& metadata, const Step<double>& step) const;
+
+ private:
+  struct Implementation;
+  std::unique_ptr<Implementation> implementation_;
+};
+
+}  // namespace kfstab::reference
