@@ -47,4 +47,20 @@ bool all_finite(const Eigen::MatrixBase<Derived>& X) {
   return true;
 }
 
+template <class Derived>
+bool all_finite_lower(const Eigen::MatrixBase<Derived>& L) {
+  for (Index j = 0; j < L.cols(); ++j)
+    for (Index i = j; i < L.rows(); ++i)
+      if (!is_finite(typename Derived::Scalar(L(i, j)))) return false;
+  return true;
+}
+
+template <class Derived>
+bool all_finite_upper(const Eigen::MatrixBase<Derived>& U) {
+  for (Index j = 0; j < U.cols(); ++j)
+    for (Index i = 0; i <= j; ++i)
+      if (!is_finite(typename Derived::Scalar(U(i, j)))) return false;
+  return true;
+}
+
 }  // namespace kfstab

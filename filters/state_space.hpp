@@ -25,6 +25,9 @@ struct StateSpace {
   Matrix<S, N, Dynamic> D;
 
   Dimensions dimensions() const { return {A.rows(), B.cols(), C.rows()}; }
+
+ protected:
+  bool dynamics_finite() const { return all_finite(A) && all_finite(B) && all_finite(C) && all_finite(D); }
 };
 
 /// Noise by its covariances: Q (m x m) and R (p x p), symmetric. Started from P0.
@@ -34,6 +37,8 @@ struct CovarianceModel : StateSpace<S, N, M, P> {
 
   Matrix<S, M, M> Q;
   Matrix<S, P, P> R;
+
+  bool finite() const { return this->dynamics_finite() && all_finite(Q) && all_finite(R); }
 };
 
 /// Noise by lower roots: Q_root Q_root' = Q, R_root R_root' = R. Their strict upper triangles are never read.
@@ -44,6 +49,10 @@ struct RootModel : StateSpace<S, N, M, P> {
 
   Matrix<S, M, M> Q_root;
   Matrix<S, P, P> R_root;
+
+  bool finite() const {
+    return this->dynamics_finite() && all_finite_lower(Q_root) && all_finite_lower(R_root);
+  }
 };
 
 /// The model as a square-root information filter takes it: A^{-1} and A^{-1} B, and upper roots of the inverse noise
@@ -65,6 +74,11 @@ struct InformationModel {
   Vector<S> w_mean;
 
   Dimensions dimensions() const { return {A_inverse.rows(), A_inverse_B.cols(), C.rows()}; }
+
+  bool finite() const {
+    return all_finite(A_inverse) && all_finite(A_inverse_B) && all_finite(C) && all_finite(D) &&
+           all_finite_upper(Q_inverse_root) && all_finite_upper(R_inverse_root) && all_finite(w_mean);
+  }
 };
 
 }  // namespace kfstab

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <kfstab/filters/matrix.hpp>
+
 namespace kfstab {
 
 /// How a step ended. Filters never throw: a step that cannot be done says why, and the previous state stands.
@@ -40,5 +42,13 @@ struct StepReport {
 
   explicit operator bool() const { return status == Status::ok; }
 };
+
+/// A step that failed, with the failure's true cause: where the model or the data held a NaN or an infinity, that is it,
+/// whatever tripped over it.
+template <class Scalar, class Model, class... Vectors>
+StepReport<Scalar> failed(Status status, const Scalar& rcond, const Model& model, const Vectors*... data) {
+  const bool finite = model.finite() && (... && (!data || all_finite(*data)));
+  return {finite ? status : Status::non_finite_input, rcond};
+}
 
 }  // namespace kfstab

@@ -1,0 +1,80 @@
+#pragma once
+
+#include <stdexcept>
+#include <string>
+
+#include <kfstab/filters/registry.hpp>
+#include <kfstab/filters/registry_headers.inc>
+
+/// Makes every filter of the registry for a scalar of one's own. In one source file per scalar:
+///
+///     #include <kfstab/filters/instances.hpp>
+///     template std::unique_ptr<kfstab::AnyFilter<float>> kfstab::make_filter<float>(std::string_view);
+///
+/// It compiles all of them: some seconds a scalar, more for high precision. Double stands in the library.
+namespace kfstab {
+
+/// Drives one filter class by the loop of AnyFilter.
+template <class Filter>
+class FilterOf final : public AnyFilter<typename Filter::Scalar> {
+  using Scalar = typename Filter::Scalar;
+  using Model = typename Filter::Model;
+
+ public:
+  explicit FilterOf(const Metadata& metadata) : metadata_(metadata), filter_(Dimensions{}) {}
+
+  const Metadata& metadata() const override { return metadata_; }
+
+  void start(const AnyProblem<Scalar>& problem) override {
+    problem_ = std::get_if<Problem<Model>>(&problem);
+    if (!problem_)
+      throw std::invalid_argument(std::string(metadata_.id) + ": the problem is in another parametrisation");
+    filter_ = Filter(problem_->dimensions());
+    filter_.start(problem_->initial, problem_->x0);
+    if constexpr (Model::parametrisation == Parametrisation::information) {
+      previous_u_ = Vector<Scalar>::Zero(problem_->models.front().D.cols());
+    }
+  }
+
+  Step<Scalar> step(std::int64_t k, const Vector<Scalar>* y, const Vector<Scalar>* u) override {
+    Step<Scalar> step;
+    if constexpr (Model::parametrisation == Parametrisation::information) {
+      step.report = k == 0 ? filter_.measurement_update(problem_->model(0), y)
+                           : filter_.step(problem_->model(k - 1), problem_->model(k), y, u ? &previous_u_ : nullptr);
+      if (u) previous_u_ = *u;
+      step.held = &filter_.information_factor();
+    } else {
+      step.report = filter_.step(problem_->model(k), y, u);
+      if constexpr (Model::parametrisation == Parametrisation::root)
+        step.held = &filter_.factor();
+      else
+        step.held = &filter_.covariance();
+    }
+    if (metadata_.gain == GainKind::predictor) {
+      if constexpr (requires { filter_.predictor_gain(); }) step.gain = &filter_.predictor_gain();
+    } else {
+      if constexpr (requires { filter_.filter_gain(); }) step.gain = &filter_.filter_gain();
+    }
+    if (y) step.state = &filter_.state();
+    return step;
+  }
+
+ private:
+  const Metadata& metadata_;
+  const Problem<Model>* problem_ = nullptr;
+  Filter filter_;
+  Vector<Scalar> previous_u_;
+};
+
+template <class Scalar>
+std::unique_ptr<AnyFilter<Scalar>> make_filter(std::string_view id) {
+  const Metadata* metadata = find_filter(id);
+  auto next = filters().begin();
+#define KFSTAB_FILTER(header, Filter, ...)                                \
+  if (metadata == &*next++) return std::make_unique<FilterOf<Filter<Scalar>>>(*metadata);
+#include <kfstab/filters/registry.inc>
+#undef KFSTAB_FILTER
+  throw std::invalid_argument("no filter is called '" + std::string(id) + "'");
+}
+
+}  // namespace kfstab

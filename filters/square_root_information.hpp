@@ -1,0 +1,174 @@
+#pragma once
+
+#include <kfstab/filters/linear_solve.hpp>
+#include <kfstab/filters/products.hpp>
+#include <kfstab/filters/state_space.hpp>
+#include <kfstab/filters/step_report.hpp>
+#include <kfstab/filters/structured_lq.hpp>
+
+namespace kfstab {
+
+/// The square-root information filter: it holds T, upper, P_{k|k}^{-1} = T'T, and goes from k|k to k+1|k+1.
+///
+///       [ Q^{-1/2}      0          Q^{-1/2} z          ]     [ Qe^{-1/2}  *   *  ]
+///     U [ T A^{-1} B    T A^{-1}   T (x + A^{-1} D u)  ]  =  [ 0          T+  xi ],   x+ = T+^{-1} xi      theory (2.4)
+///       [ 0             R^{-1/2}C  R^{-1/2} y          ]     [ 0          0   e  ]
+///
+/// A, B, D, Q, u are those of step k; C, R, y those of step k+1. The eliminated unknown is -w, so z = -E w. A must be
+/// invertible, Q, R and P0 positive definite. A weak prior, even T = 0 in some directions, costs it nothing; what it
+/// loses is the condition number of A, in A^{-1}. Judge it against P_{k|k}, never P_{k|k-1}.
+///
+/// Source: SLICOT FB01SD, whose Z is this z, the mean of -w. Operations 7/6 n^3 + n^2 (7m/2 + p) + n (p^2/2 + m^2), and
+/// n^2 p for the gain.
+template <class S, int N = Dynamic, int M = Dynamic, int P = Dynamic>
+class SquareRootInformationFilter {
+ public:
+  using Scalar = S;
+  using Model = InformationModel<S, N, M, P>;
+  using Output = Vector<S, P>;
+  using Input = Vector<S>;
+
+  /// @param tolerance  least reciprocal condition number of T that counts as regular; <= 0 means n^2 u
+  explicit SquareRootInformationFilter(Dimensions d = {N, M, P}, S tolerance = S(0))
+      : tolerance_(tolerance > S(0) ? tolerance : default_tolerance<S>(d.n)),
+        T_(d.n, d.n), next_(d.n, d.n), Qe_root_(d.m, d.m), TAB_(d.n, d.m), over_(d.m, d.n), stack_(d.n + d.p, d.n),
+        C_weighted_(d.p, d.n), gain_(d.n, d.p), next_gain_(d.n, d.p), right_(d.n + d.p), z_(d.m), w_(d.m), tau_(d.m),
+        x_(d.n), next_x_(d.n), moved_(d.n), e_(d.p), work_(d.n), sign_(d.n) {
+    T_.setZero();
+    gain_.setZero();
+    x_.setZero();
+    e_.setZero();
+  }
+
+  /// Takes T0 (n x n; the upper triangle is read), T0'T0 = P0^{-1}, and x0: of the predicted state if
+  /// measurement_update follows, of the filtered one if step does.
+  template <class T0Type, class X0Type>
+  void start(const T0Type& T0, const X0Type& x0) {
+    copy_upper(T0, T_);
+    x_ = x0;
+    gain_.setZero();
+    e_.setZero();
+  }
+
+  /// One combined time and measurement update, from k|k to k+1|k+1.
+  /// @param model  of step k: A, B, D, Q    @param next  of step k+1: C, R
+  /// @param y  y_{k+1} (p), or null: no state is computed, and x stays what it was
+  /// @param u  u_k, as many as D has columns, or null for none
+  /// Statuses: singular_information (of T+), non_finite_input, overflow.
+  StepReport<S> step(const Model& model, const Model& next, const Output* y = nullptr, const Input* u = nullptr) {
+    move(model, y != nullptr, u);
+    return finish(model, next, y, u, true);
+  }
+
+  /// The measurement update alone: from k|k-1 to k|k. It starts a run from P_{0|-1}.
+  StepReport<S> measurement_update(const Model& model, const Output* y = nullptr) {
+    stack_.topRows(T_.rows()) = T_;
+    if (y) multiply_upper(T_, x_, right_.head(T_.rows()));
+    return finish(model, model, y, static_cast<const Input*>(nullptr), true);
+  }
+
+  /// The time update alone: from k|k to k+1|k.
+  StepReport<S> time_update(const Model& model, const Input* u = nullptr) {
+    move(model, true, u);
+    return finish(model, model, static_cast<const Output*>(nullptr), u, false);
+  }
+
+  /// T, n x n, zero below the diagonal.
+  const Matrix<S, N, N>& information_factor() const { return T_; }
+  /// Kf = T^{-1} T^{-T} C' R^{-1}, n x p, of the last step.
+  const Matrix<S, N, P>& filter_gain() const { return gain_; }
+  const Vector<S, N>& state() const { return x_; }
+  /// e, p: the whitened residual that the last step left over; e'e adds to the sum of squares.
+  const Vector<S, P>& residual() const { return e_; }
+
+ private:
+  static constexpr int rows = N == Dynamic || P == Dynamic ? Dynamic : N + P;
+
+  /// The time update's part: eliminates w; leaves T of k+1|k, full, on top of stack_ and its right-hand side in right_.
+  void move(const Model& model, bool has_state, const Input* u) {
+    const Index n = T_.rows(), m = TAB_.cols();
+    auto TA = stack_.topRows(n);
+    multiply_upper(T_, model.A_inverse, TA);
+    multiply_upper(T_, model.A_inverse_B, TAB_);
+    copy_upper(model.Q_inverse_root, Qe_root_);
+    structured_qr(Shape::full, Qe_root_, TAB_, TA, over_, tau_);
+    if (!has_state) return;
+    auto xi = right_.head(n);
+    moved_ = x_;
+    if (u) {
+      work_.noalias() = model.D.lazyProduct(*u);
+      moved_.noalias() += model.A_inverse.lazyProduct(work_);
+    }
+    multiply_upper(T_, moved_, xi);
+    if (model.w_mean.size() > 0) {
+      w_ = -model.w_mean;
+      multiply_upper(model.Q_inverse_root, w_, z_);
+    } else {
+      z_.setZero();
+    }
+    for (Index j = 0; j < m; ++j) apply_reflector(S(tau_(j)), TAB_, j, n, z_(j), xi);
+  }
+
+  /// The measurement update's part, and the step's end.
+  StepReport<S> finish(const Model& model, const Model& next, const Output* y, const Input* u, bool measured) {
+    const Index n = T_.rows(), p = C_weighted_.rows();
+    const bool has_state = y || !measured;
+    if (measured) {
+      multiply_upper(next.R_inverse_root, next.C, C_weighted_);
+      stack_.bottomRows(p) = C_weighted_;
+      if (y) multiply_upper(next.R_inverse_root, *y, right_.tail(p));
+    } else {
+      stack_.bottomRows(p).setZero();
+      right_.tail(p).setZero();
+    }
+    if (!has_state) right_.setZero();
+    qr(stack_, right_);
+    copy_upper(stack_.topRows(n), next_);
+
+    const S rcond = reciprocal_condition_triangular<Triangle::upper>(next_, work_, sign_);
+    if (!(rcond >= tolerance_)) {
+      const auto report = failed(Status::singular_information, rcond, model, y, u);
+      return failed(report.status, rcond, next);
+    }
+    if (measured) {
+      // C'R^{-1} column by column, then T^{-1} T^{-T} of it.
+      for (Index j = 0; j < p; ++j) {
+        for (Index i = 0; i < n; ++i) work_(i) = S(0);
+        for (Index k = 0; k <= j; ++k)
+          for (Index i = 0; i < n; ++i) work_(i) += C_weighted_(k, i) * next.R_inverse_root(k, j);
+        solve_triangular<Triangle::upper, true>(next_, work_);
+        solve_triangular<Triangle::upper, false>(next_, work_);
+        next_gain_.col(j) = work_;
+      }
+    }
+    if (has_state) {
+      next_x_ = right_.head(n);
+      solve_triangular<Triangle::upper, false>(next_, next_x_);
+    }
+    if (!all_finite(next_) || (measured && !all_finite(next_gain_)) || (has_state && !all_finite(next_x_))) {
+      const auto report = failed(Status::overflow, rcond, model, y, u);
+      return failed(report.status, rcond, next);
+    }
+    T_.swap(next_);
+    if (measured) gain_.swap(next_gain_);
+    if (has_state) x_.swap(next_x_);
+    if (y) e_ = right_.tail(p);
+    return {Status::ok, rcond};
+  }
+
+  S tolerance_;
+  Matrix<S, N, N> T_, next_;
+  Matrix<S, M, M> Qe_root_;
+  Matrix<S, N, M> TAB_;
+  Matrix<S, M, N> over_;
+  Matrix<S, rows, N> stack_;
+  Matrix<S, P, N> C_weighted_;
+  Matrix<S, N, P> gain_, next_gain_;
+  Vector<S, rows> right_;
+  Vector<S, M> z_, w_, tau_;
+  Vector<S, N> x_, next_x_, moved_;
+  Vector<S, P> e_;
+  Vector<S, N> work_, sign_;
+};
+
+}  // namespace kfstab
