@@ -7,6 +7,9 @@ foreach(flags "${CMAKE_CXX_FLAGS}" "${CMAKE_CXX_FLAGS_${build_type}}")
   endif()
 endforeach()
 
+# Each room finds what it needs; whoever links to the room (a test, the next room) must know those targets as well.
+set(CMAKE_FIND_PACKAGE_TARGETS_GLOBAL ON)
+
 if(PROJECT_IS_TOP_LEVEL)
   if(NOT CMAKE_BUILD_TYPE AND NOT CMAKE_CONFIGURATION_TYPES)
     set(CMAKE_BUILD_TYPE Release)
