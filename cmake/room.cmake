@@ -10,17 +10,24 @@ function(kfstab_room room)
   file(MAKE_DIRECTORY ${root}/kfstab)
   file(CREATE_LINK ${CMAKE_CURRENT_SOURCE_DIR} ${root}/kfstab/${room} SYMBOLIC)
 
-  file(GLOB headers CONFIGURE_DEPENDS RELATIVE ${CMAKE_CURRENT_SOURCE_DIR} *.hpp *.inc)
+  file(GLOB headers CONFIGURE_DEPENDS RELATIVE ${CMAKE_CURRENT_SOURCE_DIR} *.hpp)
+  file(GLOB tables CONFIGURE_DEPENDS RELATIVE ${CMAKE_CURRENT_SOURCE_DIR} *.inc)
   list(TRANSFORM headers PREPEND ${root}/kfstab/${room}/)
+  list(TRANSFORM tables PREPEND ${root}/kfstab/${room}/)
   file(GLOB sources CONFIGURE_DEPENDS *.cpp)
 
   add_library(kfstab_${room} STATIC ${sources} ${arg_SOURCES})
   add_library(kfstab::${room} ALIAS kfstab_${room})
   target_sources(kfstab_${room} PUBLIC FILE_SET HEADERS BASE_DIRS ${root} FILES ${headers})
+  if(tables)
+    target_sources(kfstab_${room} PUBLIC FILE_SET tables TYPE HEADERS BASE_DIRS ${root} FILES ${tables})
+  endif()
   target_compile_features(kfstab_${room} PUBLIC cxx_std_20)
   target_link_libraries(kfstab_${room} PUBLIC ${arg_DEPENDS} PRIVATE ${arg_PRIVATE} $<BUILD_INTERFACE:kfstab_warnings>)
   set_target_properties(kfstab_${room} PROPERTIES
-    EXPORT_NAME ${room} OUTPUT_NAME kfstab_${room} POSITION_INDEPENDENT_CODE ON VERIFY_INTERFACE_HEADER_SETS ON)
+    EXPORT_NAME ${room} OUTPUT_NAME kfstab_${room} POSITION_INDEPENDENT_CODE ON
+    # A table (.inc) means nothing by itself; every header must.
+    VERIFY_INTERFACE_HEADER_SETS ON INTERFACE_HEADER_SETS_TO_VERIFY HEADERS)
 endfunction()
 
 # Warnings are ours, not our users': linked privately, never exported.
