@@ -20,35 +20,35 @@ enum class CurveRole {
 };
 
 struct Curve {
-  std::string id;     ///< unique in its figure: names the curve in data files
-  std::string label;  ///< what the legend says
-  std::vector<double> x;
-  std::vector<double> y;  ///< as long as x; a value that is not finite leaves a gap
+  std::string id{};     ///< unique in its figure: names the curve in data files
+  std::string label{};  ///< what the legend says
+  std::vector<double> x{};
+  std::vector<double> y{};  ///< as long as x; a value that is not finite leaves a gap
   CurveRole role = CurveRole::measured_line;
   int color = -1;  ///< slot in the palette; equal slots have equal colour, dash and marker; -1: the next free one
 };
 
 struct Axis {
-  std::string label;  ///< with the unit
+  std::string label{};  ///< with the unit
   bool log = false;   ///< zero and negative values are drawn on a marked floor below the smallest positive one
 };
 
 struct Figure {
-  std::string id;  ///< unique in its document, letters, digits, `-` and `_`: names the files
-  std::string title;
-  std::string caption;  ///< the question that the figure answers, in prose
-  Axis x;
-  Axis y;
-  std::vector<Curve> curves;
+  std::string id{};  ///< unique in its document, kebab-case (letters, digits and `-`): names the files
+  std::string title{};
+  std::string caption{};  ///< the question that the figure answers, in prose
+  Axis x{};
+  Axis y{};
+  std::vector<Curve> curves{};
 };
 
 enum class Alignment { left, right, center };
 
 struct Table {
-  std::string caption;
-  std::vector<std::string> header;
-  std::vector<std::vector<std::string>> rows;  ///< a row may be short: the rest is empty
-  std::vector<Alignment> alignment;            ///< one a column; columns without are left-aligned
+  std::string caption{};
+  std::vector<std::string> header{};
+  std::vector<std::vector<std::string>> rows{};  ///< a row may be short: the rest is empty
+  std::vector<Alignment> alignment{};            ///< one a column; columns without are left-aligned
 };
 
 enum class Verdict { confirmed, refuted, inconclusive };
@@ -65,38 +65,38 @@ constexpr std::string_view name(Verdict verdict) {
 
 /// One number that was predicted and measured. The criterion says in words what was compared and within what.
 struct Check {
-  std::string name;
+  std::string name{};
   double predicted = 0;
   double measured = 0;
-  std::string criterion;
+  std::string criterion{};
   bool holds = false;
 };
 
 struct Checks {
-  std::vector<Check> checks;
+  std::vector<Check> checks{};
 };
 struct Paragraph {
-  std::string text;
+  std::string text{};
 };
 /// Text whose line breaks and blanks matter: a command, a matrix, a program's answer.
 struct Preformatted {
-  std::string text;
+  std::string text{};
 };
 
 using Block = std::variant<Paragraph, Table, Figure, Checks, Preformatted>;
 
 struct Section {
-  std::string anchor;  ///< unique in its document, kebab-case: the section's address
-  std::string title;
+  std::string anchor{};  ///< unique in its document, kebab-case: the section's address
+  std::string title{};
   std::optional<Verdict> verdict;
-  std::vector<Block> blocks;
+  std::vector<Block> blocks{};
 };
 
 struct Document {
-  std::string title;
-  std::string subtitle;
-  std::vector<Section> sections;
-  std::vector<std::pair<std::string, std::string>> context;  ///< under what it was made: seed, machine, versions
+  std::string title{};
+  std::string subtitle{};
+  std::vector<Section> sections{};
+  std::vector<std::pair<std::string, std::string>> context{};  ///< under what it was made: seed, machine, versions
 };
 
 }  // namespace kfstab::reports

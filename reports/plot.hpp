@@ -3,8 +3,6 @@
 // markers that survive greyscale, the legend outside on the right. Drawn by gnuplot; without it the data, the script
 // and the CSV are written all the same.
 
-#include <filesystem>
-#include <optional>
 #include <string>
 
 #include <kfstab/reports/document.hpp>
@@ -12,17 +10,15 @@
 
 namespace kfstab::reports {
 
-/// The gnuplot that PATH leads to.
-std::optional<std::filesystem::path> find_gnuplot();
-
 struct PlotResult {
   bool drawn = false;   ///< ID.svg and ID.png stand in the folder
   std::string warning;  ///< why not, for the user; empty if drawn
 };
 
 /// Writes to the folder, for the figure's id ID:
-///   ID.csv  long format, columns curve,label,role,x,y; numbers read back exactly; gaps as nan or inf;
-///   ID.dat  the same for gnuplot, one block a curve, in the order of the figure;
+///   ID.csv  long format, columns curve,role,x,y; numbers read back exactly; gaps as nan or inf;
+///   ID.dat  the same for gnuplot, one block a curve in the order of the figure; a curve of more than 4000 points is
+///           thinned to what can be seen: the ends, the gaps and the extremes of 1000 stretches;
 ///   ID.gp   the script: `gnuplot ID.gp` in the folder draws the two pictures again;
 ///   ID.svg  the picture, offline and interactive: a click on a legend entry hides its curve;
 ///   ID.png  the picture, 1600 x 1000.

@@ -1,6 +1,7 @@
 #pragma once
 // Tables and verdicts as plain text. Columns line up for any UTF-8; colour (ANSI) only if asked for.
 
+#include <cstddef>
 #include <string>
 #include <string_view>
 
