@@ -23,7 +23,7 @@ struct Sequence {
   };
 
   Kind kind = Kind::constant;
-  /// At least one, all of one shape. A list has at least as many as the system has steps.
+  /// At least one, all of one shape; of a list, one for each step of the system.
   std::vector<Matrix<double>> matrices;
 
   Sequence() : matrices(1) {}

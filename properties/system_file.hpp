@@ -21,7 +21,7 @@ struct Overrides {
   std::map<std::string, std::string> parameters;
   /// Instead of the file's steps. Lists and measurements may be longer than this, not shorter.
   std::optional<std::int64_t> steps;
-  /// Instead of the seed of { simulate = { seed = ... } }; no effect on a file that does not simulate.
+  /// Instead of the seed of { simulate = { seed = ... } }, below 2^63; no effect on a file that does not simulate.
   std::optional<std::uint64_t> seed;
 };
 

@@ -1,0 +1,42 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+
+#include <kfstab/properties/system.hpp>
+
+/// The two kinds of data that a System can have. Streams of both hold one step; asking for more steps than there are
+/// throws std::out_of_range.
+namespace kfstab::properties {
+
+/// Data that were recorded: y (p x steps) and u (inputs x steps), a step a column.
+class Recorded final : public Data {
+ public:
+  Recorded(Matrix<double> y, Matrix<double> u);
+  std::unique_ptr<DataStream> open() const override;
+
+ private:
+  std::shared_ptr<const Matrix<double>> y_, u_;
+};
+
+/// Data drawn from the system itself: x_0 from N(x0, P0), then y_k = C x_k + v_k and x_{k+1} = A x_k + B w_k + D u_k with
+/// normal noise, in double. The same seed gives the same numbers on every machine with IEEE doubles (Boost.Random's
+/// mt19937_64 and normal_distribution). Nothing is kept, so any number of steps can be drawn; those of an unstable system
+/// overflow in the end.
+class Simulated final : public Data {
+ public:
+  /// inputs: one column a step, no columns if D has none. The system's own data are not used. Throws
+  /// std::invalid_argument where Q, R or P0 is no covariance.
+  Simulated(const System& system, std::uint64_t seed, Matrix<double> inputs = {});
+  std::unique_ptr<DataStream> open() const override;
+
+  std::uint64_t seed() const { return seed_; }
+  const Matrix<double>& inputs() const { return *u_; }
+
+ private:
+  std::shared_ptr<const Problem<RootModel<double>>> problem_;
+  std::shared_ptr<const Matrix<double>> u_;
+  std::uint64_t seed_;
+};
+
+}  // namespace kfstab::properties
