@@ -35,7 +35,7 @@ struct Axis {
 
 struct Figure {
   std::string id{};  ///< unique in its document, kebab-case (letters, digits and `-`): names the files
-  std::string title{};
+  std::string title{};    ///< one line, at most some 80 characters
   std::string caption{};  ///< the question that the figure answers, in prose
   Axis x{};
   Axis y{};

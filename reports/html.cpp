@@ -113,13 +113,14 @@ class BlockData {
                       {"measured", short_number(check.measured, 3)},
                       {"outcome", check.holds ? "holds" : "fails"},
                       {"answer", check.holds ? "yes" : "no"},
-                      {"criterion", check.criterion}});
+                      {"criterion", if_any(check.criterion)}});
     return object({{"checks", object({{"rows", rows}})}});
   }
 
   data operator()(const Figure& figure) {
     std::string svg = svg_ ? svg_(figure) : "";
     const bool has_svg = svg.find("<svg") != svg.npos;
+    const bool first = has_svg && !std::exchange(has_figure_, true);
     if (has_svg) svg = inlined_(std::move(svg));
     data curves = list();
     for (const Curve& curve : figure.curves) curves << curve_in_numbers(curve);
@@ -129,6 +130,7 @@ class BlockData {
                                       {"x_label", figure.x.label},
                                       {"y_label", figure.y.label},
                                       {"has_svg", has_svg},
+                                      {"first", first},
                                       {"svg", svg},
                                       {"curves", curves}})}});
   }
@@ -136,6 +138,7 @@ class BlockData {
  private:
   const SvgSource& svg_;
   Inliner inlined_;
+  bool has_figure_ = false;
 };
 
 /// "2 of 3", or "" for a section without checks.

@@ -223,13 +223,13 @@ std::string style_of(const Curve& curve, int slot, int order, const Scale& y) {
     case CurveRole::theory:
       return fmt::format("lines lc rgb '{}' lw 1.5 dt {}", slot < 0 ? "#333333" : pick(colors, slot), pick(theory_dashes, order));
     case CurveRole::measured_points:
-      return fmt::format("points lc rgb '{}' lw 1.5 pt {} ps 1", pick(colors, slot), pick(markers, slot));
+      return fmt::format("points lc rgb '{}' lw 1.5 pt {} ps 1.2*marker", pick(colors, slot), pick(markers, slot));
     case CurveRole::measured_line: break;
   }
   // Intervals differ, so that the markers of curves that lie upon each other do not.
   const std::size_t points = std::min<std::size_t>(curve.x.size(), 4000);
   const std::size_t interval = points <= 16 ? 1 : points / 9 + static_cast<std::size_t>(slot % 12);
-  return fmt::format("linespoints lc rgb '{}' lw 2 dt {} pt {} ps 0.8 pi {}", pick(colors, slot), pick(dashes, slot), pick(markers, slot), interval);
+  return fmt::format("linespoints lc rgb '{}' lw 2 dt {} pt {} ps marker pi {}", pick(colors, slot), pick(dashes, slot), pick(markers, slot), interval);
 }
 
 std::string plot_commands(const Figure& figure, const Scales& scales) {
@@ -254,10 +254,11 @@ std::string script_of(const Figure& figure) {
   std::string text;
   const auto out = std::back_inserter(text);
   fmt::format_to(out, "# {0}\n# `gnuplot {1}.gp` in this folder draws {1}.svg and {1}.png from {1}.dat.\n\n", one_line(figure.title), figure.id);
-  fmt::format_to(out, "reset\nset encoding utf8\nset title {} noenhanced\n", gnuplot_string(figure.title));
-  text += "set border 3 lc rgb '#666666'\nset tics nomirror out textcolor rgb '#222222'\n"
-          "set grid back lc rgb '#cccccc' lw 0.8 dt 1\nset format '%h'\n"
-          "set key outside right top vertical Left reverse noenhanced samplen 3 spacing 1.25 textcolor rgb '#222222'\n";
+  // From the left edge of the axes, where a long title has the room above the legend too.
+  fmt::format_to(out, "reset\nset encoding utf8\nset label {} at graph 0, screen 0.955 left noenhanced\nset tmargin 3\n", gnuplot_string(figure.title));
+  text += "set border 3 lc rgb '#666666'\nset tics nomirror out scale 0.6 textcolor rgb '#222222'\n"
+          "set style line 100 lc rgb '#d8d8d8' lw 1 dt 1\nset grid back ls 100\nset format '%h'\n"
+          "set key outside right top vertical Left reverse noenhanced samplen 3 spacing 1.15 textcolor rgb '#222222'\n";
   text += axis_commands('x', figure.x, scales.x, PowerNotation::superscript, 8);
   text += axis_commands('y', figure.y, scales.y, PowerNotation::superscript, 8);
   // The floor, where what is zero is drawn.
@@ -266,10 +267,13 @@ std::string script_of(const Figure& figure) {
   if (const auto& floor = scales.x.floor)
     fmt::format_to(out, "set arrow from first {0}, graph 0 to first {0}, graph 1 nohead front lc rgb '#888888' lw 1 dt (2,4)\n", exact_number(*floor));
 
-  fmt::format_to(out, "\nset terminal svg mouse standalone name '{}' size 860,540 dynamic font 'sans-serif,16' background rgb 'white'\nset output '{}.svg'\n{}",
-                 svg_name, figure.id, plot_commands(figure, scales));
-  fmt::format_to(out, "\nset terminal pngcairo size 1600,1000 font 'sans,22' linewidth 2 pointscale 1.8 background rgb 'white'\nset output '{}.png'\nreplot\nunset output\n",
-                 figure.id);
+  // High enough for the legend to stand in one column.
+  const std::size_t height = std::max<std::size_t>(520, 180 + 24 * figure.curves.size());
+  fmt::format_to(out, "\nmarker = 0.6\nset terminal svg mouse standalone name '{}' size 800,{} dynamic font 'sans-serif,15' background rgb 'white'\n",
+                 svg_name, height);
+  fmt::format_to(out, "set output '{}.svg'\n{}", figure.id, plot_commands(figure, scales));
+  fmt::format_to(out, "\nmarker = 0.8\nset terminal pngcairo size 1600,{} font 'sans,21' linewidth 2 pointscale 1.8 background rgb 'white'\n", 2 * height);
+  fmt::format_to(out, "set output '{}.png'\nreplot\nunset output\n", figure.id);
   return text;
 }
 

@@ -21,7 +21,7 @@ struct PlotResult {
 ///           thinned to what can be seen: the ends, the gaps and the extremes of 1000 stretches;
 ///   ID.gp   the script: `gnuplot ID.gp` in the folder draws the two pictures again;
 ///   ID.svg  the picture, offline and interactive: a click on a legend entry hides its curve;
-///   ID.png  the picture, 1600 x 1000.
+///   ID.png  the picture, 1600 pixels wide.
 /// Throws FileError if a file cannot be written, std::invalid_argument for a figure that breaks document.hpp's rules
 /// (id, lengths of x and y). A missing or failing gnuplot is a warning.
 PlotResult write_figure(const Figure& figure, const Folder& folder);
