@@ -7,7 +7,7 @@ scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
 failures=0
 
-tools='awk basename cat cksum cut dirname env flock grep head id ls mkdir mktemp mv nproc readlink rm rmdir sed sh sleep stty tail tr'
+tools='awk basename cat cksum cut dirname env flock grep head ls mkdir mktemp mv nproc readlink rm rmdir sed sh sleep stty tail tr'
 
 fake() { cat >"$PATH_OF_FAKES/$1" && chmod +x "$PATH_OF_FAKES/$1"; }
 
@@ -54,6 +54,10 @@ cat "$scratch/machine/program" >"\$2/bin/kfstab.new"
 mv "\$2/bin/kfstab.new" "\$2/bin/kfstab"
 chmod +x "\$2/bin/kfstab"
 END
+  fake id <<'END'
+#!/bin/sh
+echo 0
+END
   fake chmod <<END
 #!/bin/sh
 exec $(command -v chmod) "\$@"
@@ -72,7 +76,7 @@ kfstab() {
   out=$(cd "${stand:-$tree}" && env -i PATH="$PATH_OF_FAKES" HOME="$home" PROGRAM_EXIT="${program_exit:-0}" \
     KFSTAB_BUILD_DIR="${build_dir:-}" sh "${as:-$tree/kfstab}" "$@" 2>"$scratch/err" </dev/null)
   code=$?
-  err=$(cat "$scratch/err")
+  err=$(grep -v ' (log: ' "$scratch/err") # what it says when it takes long: on a busy machine anything does
 }
 
 check() { # check WHAT GOT WANTED, a shell pattern
@@ -152,7 +156,6 @@ check 'says what to install' "$err" '*could not find Eigen3*install these packag
 
 name='a plain user without sudo'
 machine
-rm "$PATH_OF_FAKES/id"
 fake id <<'END'
 #!/bin/sh
 echo 1000
