@@ -3,6 +3,7 @@
 # Included, this defines the target kfstab_revision to link to. Run as a script, at every build, it asks git and rewrites
 # the header if the answer has changed, so that a commit compiles one source and no configuring is needed.
 if(NOT CMAKE_SCRIPT_MODE_FILE)
+  include_guard(GLOBAL)
   set(header ${PROJECT_BINARY_DIR}/include/revision/kfstab_revision.hpp)
   add_custom_target(kfstab_find_revision
     COMMAND ${CMAKE_COMMAND} -DSOURCE=${PROJECT_SOURCE_DIR} -DHEADER=${header} -P ${CMAKE_CURRENT_LIST_FILE}
