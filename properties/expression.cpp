@@ -75,8 +75,8 @@ double Expressions::operator()(const std::string& text) const {
   // A division by zero inside, as in 1/(1/0), leaves a finite value and a flag.
   const int raised = std::fetestexcept(FE_DIVBYZERO | FE_INVALID | FE_OVERFLOW);
   if (raised & FE_DIVBYZERO) throw ExpressionError(in_quotes(text) + ", which divides by zero");
-  if (raised & FE_INVALID) throw ExpressionError(in_quotes(text) + ", which has no real value");
-  if ((raised & FE_OVERFLOW) || !std::isfinite(value)) throw ExpressionError(in_quotes(text) + ", which is beyond the range of double");
+  if (raised & FE_OVERFLOW) throw ExpressionError(in_quotes(text) + ", which is beyond the range of double");
+  if ((raised & FE_INVALID) || !std::isfinite(value)) throw ExpressionError(in_quotes(text) + ", which has no real value");
   return value;
 }
 
