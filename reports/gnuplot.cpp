@@ -57,9 +57,10 @@ std::string run_gnuplot(const fs::path& folder, std::string_view script) {
   const auto program = find_gnuplot();
   if (!program) return "gnuplot was not found in PATH";
 
-  std::error_code nowhere;
-  std::string messages = (fs::temp_directory_path(nowhere) / "kfstab-gnuplot-XXXXXX").string();
-  const int descriptor = ::mkstemp(messages.data());
+  std::error_code error;
+  const fs::path temporary = fs::temp_directory_path(error);
+  std::string messages = (temporary / "kfstab-gnuplot-XXXXXX").string();
+  const int descriptor = error ? -1 : ::mkstemp(messages.data());
   if (descriptor < 0) return "no file could be made for gnuplot's messages: " + messages;
   ::close(descriptor);
 
@@ -71,9 +72,9 @@ std::string run_gnuplot(const fs::path& folder, std::string_view script) {
   try {
     Gnuplot gnuplot(command);
     gnuplot << "cd " << gnuplot_string(fs::absolute(folder).string()) << "\nload " << gnuplot_string(script) << "\n";
-  } catch (const std::exception& error) {
+  } catch (const std::exception& failure) {
     ::unlink(messages.c_str());
-    return std::string("gnuplot could not be started: ") + error.what();
+    return std::string("gnuplot could not be started: ") + failure.what();
   }
   std::ifstream file(messages);
   std::string reason = in_one_line(file);

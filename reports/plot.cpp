@@ -319,9 +319,10 @@ namespace {
 class Scratch {
  public:
   Scratch() {
-    std::error_code nowhere;
-    std::string name = (fs::temp_directory_path(nowhere) / "kfstab-plot-XXXXXX").string();
-    if (::mkdtemp(name.data()) != nullptr) path_ = name;
+    std::error_code error;
+    const fs::path temporary = fs::temp_directory_path(error);
+    std::string name = (temporary / "kfstab-plot-XXXXXX").string();
+    if (!error && ::mkdtemp(name.data()) != nullptr) path_ = name;
   }
   Scratch(const Scratch&) = delete;
   Scratch& operator=(const Scratch&) = delete;
