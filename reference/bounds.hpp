@@ -11,7 +11,8 @@ namespace kfstab::reference {
 ///
 /// One step commits a local error of at most delta, and carries the errors before it by the closed loop,
 ///
-///     W_{k+1} = F W_k F' + delta_k I,   -W <= dP <= W (as quadratic forms),   so ||dP||_F / ||P||_F <= ||W||_F / ||P||_F.
+///     W_{k+1} = F W_k F' + delta_k I,   -W <= dP <= W (as quadratic forms),   so ||dP||_F / ||P||_F <= ||W||_F /
+///     ||P||_F.
 ///
 /// Local errors, theory (4), with u (n + m + p) for their constant:
 ///     held P   delta = u (n+m+p) k(Re) / cos^2 ||P+||_2
@@ -52,4 +53,4 @@ Matrix<double> asymmetry_map(Asymmetry form, bool one_triangle_of_Re, const Matr
 double asymmetry_growth(Asymmetry form, bool one_triangle_of_Re, const Matrix<double>& A, const Matrix<double>& KC,
                         const Matrix<double>& F);
 
-}  // namespace kfstab::reference
+} // namespace kfstab::reference

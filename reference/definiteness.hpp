@@ -37,7 +37,10 @@ double smallest_eigenvalue(const Matrix<double>& X);
 /// conventions; exactly 0 if S is singular. For P = (T'T)^{-1} no such care is needed: it is 1 / ||T||_2^2.
 double smallest_eigenvalue_of_product(const Matrix<double>& S);
 
+/// Whether det X = 0, of any square X; decided exactly. Throws ReferenceError if X is not square or not finite.
+bool is_singular(const Matrix<double>& X);
+
 /// ||X||_2, the largest singular value, right to nearly all digits. No overflow on the way.
 double two_norm(const Matrix<double>& X);
 
-}  // namespace kfstab::reference
+} // namespace kfstab::reference

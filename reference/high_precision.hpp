@@ -16,10 +16,6 @@ using Real = boost::multiprecision::number<
     boost::multiprecision::mpfr_float_backend<Digits, boost::multiprecision::allocate_stack>,
     boost::multiprecision::et_off>;
 
-/// The ladder of precisions, in decimal digits. A trajectory runs at two neighbouring rungs and climbs when they
-/// disagree.
-inline constexpr unsigned rungs[] = {20, 50, 100, 200, 400, 800, 1600};
-
 /// Enough for what stands beside the trajectory: tests, backward errors.
 using HighPrecision = Real<50>;
 
@@ -44,4 +40,4 @@ Matrix<Number, Rows, Cols> exact(const Matrix<double, Rows, Cols>& X) {
   return Y;
 }
 
-}  // namespace kfstab::reference
+} // namespace kfstab::reference

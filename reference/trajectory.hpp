@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <vector>
 
 #include <kfstab/filters/any_filter.hpp>
 #include <kfstab/filters/metadata.hpp>
@@ -22,15 +23,15 @@ namespace kfstab::reference {
 
 /// What was true at step k, each entry rounded once to double.
 struct Truth {
-  Matrix<double> P_predicted;  ///< P_{k|k-1}
-  Matrix<double> P_filtered;   ///< P_{k|k}
-  Matrix<double> P_next;       ///< P_{k+1|k}
-  Matrix<double> information;  ///< P_{k|k}^{-1}; empty unless the problem is an information problem
+  Matrix<double> P_predicted; ///< P_{k|k-1}
+  Matrix<double> P_filtered;  ///< P_{k|k}
+  Matrix<double> P_next;      ///< P_{k+1|k}
+  Matrix<double> information; ///< P_{k|k}^{-1}; empty unless the problem is an information problem
 
-  Matrix<double> innovation;      ///< Re = R + C P C', p x p
-  Matrix<double> predictor_gain;  ///< K = A P C' Re^{-1}, n x p
-  Matrix<double> filter_gain;     ///< Kf = P C' Re^{-1}, n x p
-  Matrix<double> closed_loop;     ///< F = A - K C: carries an error of P_{k|k-1} to P_{k+1|k}
+  Matrix<double> innovation;     ///< Re = R + C P C', p x p
+  Matrix<double> predictor_gain; ///< K = A P C' Re^{-1}, n x p
+  Matrix<double> filter_gain;    ///< Kf = P C' Re^{-1}, n x p
+  Matrix<double> closed_loop;    ///< F = A - K C: carries an error of P_{k|k-1} to P_{k+1|k}
   /// (I - Kf C_k) A_{k-1}: carries an error of P_{k-1|k-1} to P_{k|k}. At k = 0 there is no A_{k-1}: I - Kf C.
   Matrix<double> filtered_closed_loop;
 
@@ -54,18 +55,21 @@ struct Truth {
 /// time once k(S) > 1e8). Relative to a truth of exactly zero, an error is 0 or infinite. What the filter does not
 /// have, or holds with a NaN or an infinity in it, has error NaN.
 struct Errors {
-  double covariance;   ///< ||P^ - P||_F / ||P||_F, P predicted or filtered as metadata.instant says
-  double information;  ///< ||T'T - P^{-1}||_F / ||P^{-1}||_F of one that holds T, else NaN
-  double gain;         ///< ||K^ - K||_F / ||K||_F, of the gain that the filter computes: metadata.gain
-  double state;        ///< ||x^ - x|| / ||x||; NaN in a run without data
+  double covariance;  ///< ||P^ - P||_F / ||P||_F, P predicted or filtered as metadata.instant says
+  double information; ///< ||T'T - P^{-1}||_F / ||P^{-1}||_F of one that holds T, else NaN
+  double gain;        ///< ||K^ - K||_F / ||K||_F, of the gain that the filter computes: metadata.gain
+  double state;       ///< ||x^ - x|| / ||x||; NaN in a run without data
   /// max |p^_ij - p_ij| / sqrt(p_ii p_jj), free of the units of the state. States whose true variance is zero, or not
   /// certified (Trajectory::certified_digits is about norms), are left out.
   double entrywise;
-  double asymmetry;            ///< ||P^ - P^'||_F / (2 ||P||_F); 0 for a factor
-  double smallest_eigenvalue;  ///< of the symmetric part of P^, with several digits right even when far below u ||P||
-  bool positive_semidefinite;  ///< of the symmetric part of P^, decided exactly; always so for finite factors
-  double correct_digits;       ///< -log10(covariance), within [0, 15.95]; 0 if that is NaN
+  double asymmetry;           ///< ||P^ - P^'||_F / (2 ||P||_F); 0 for a factor
+  double smallest_eigenvalue; ///< of the symmetric part of P^, with several digits right even when far below u ||P||
+  bool positive_semidefinite; ///< of the symmetric part of P^, decided exactly; always so for finite factors
+  double correct_digits;      ///< -log10(covariance), within [0, 15.95]; 0 if that is NaN
 };
+
+/// What Trajectory::expansion can give beyond the 16 digits of Truth.
+enum class Quantity { P_predicted, P_filtered, P_next, innovation, predictor_gain, filter_gain };
 
 /// The reference trajectory of one problem. Holds the current step and nothing before it.
 ///
@@ -73,20 +77,20 @@ struct Errors {
 /// reading lower triangles alone; from an information problem A = (A^{-1})^{-1}, B = A (A^{-1} B), Q, R and P0 from
 /// upper triangles, E w through w_mean. Then, theory (1):
 ///
-///     Re = R + C P C',  Kf = P C' Re^{-1},  P_{k|k} = (I - Kf C) P (I - Kf C)' + Kf R Kf',  P+ = A P_{k|k} A' + B Q B',
-///     x_{k|k} = x + Kf (y - C x),  x+ = A x_{k|k} + B E w + D u.
+///     Re = R + C P C',  Kf = P C' Re^{-1},  P_{k|k} = (I - Kf C) P (I - Kf C)' + Kf R Kf',  P+ = A P_{k|k} A' + B Q
+///     B', x_{k|k} = x + Kf (y - C x),  x+ = A x_{k|k} + B E w + D u.
 ///
-/// The recursion runs twice, at neighbouring rungs of a ladder of precisions (high_precision.hpp). The lower run has
-/// each of its intermediate results moved by one unit in its last place, up or down, so that the two cannot agree by
-/// losing the same small addend: where they agree to d digits, d digits bear rounding at the lower precision, and are
-/// certified. The truth is read from the higher run. When fewer digits agree than were asked for, both climb a rung and
-/// the run is replayed from step 0 (the data opened anew), unseen by the caller.
+/// The recursion runs twice, at neighbouring rungs of a ladder of precisions: 20, 50, 100, 200 ... 1600 digits. The
+/// lower run has each of its intermediate results moved by one unit in its last place, up or down, so that the two
+/// cannot agree by losing the same small addend: where they agree to d digits, d digits bear rounding at the lower
+/// precision, and are certified. The truth is read from the higher run. When fewer digits agree than were asked for,
+/// both climb a rung and the run is replayed from step 0 (the data opened anew), unseen by the caller.
 ///
 /// Trajectories share nothing: each may run in a thread of its own, and gives the same bits there.
 class Trajectory {
  public:
   /// The problem must outlive the trajectory. data may be null: covariances and gains alone.
-  /// digits: to be certified, up to 1500. first_digits: the precision to try first, raised to the next rung.
+  /// digits: to be certified, up to 750. first_digits: the precision to try first, raised to the next rung.
   /// Throws ReferenceError on shapes that do not agree, numbers that are not finite, Q, R or P0 that are not exactly
   /// symmetric, a singular A^{-1}, Q^{-1/2}, R^{-1/2} or T0.
   Trajectory(const AnyProblem<double>& problem, std::shared_ptr<const Data> data, int digits = 30,
@@ -104,6 +108,10 @@ class Trajectory {
   std::int64_t k() const;
   const Truth& truth() const;
 
+  /// All digits of a quantity of step k() as a sum of doubles, largest first: each term is what the terms before leave,
+  /// rounded. Two terms have 32 digits. (Terms below 1e-308 lose digits, as doubles do.)
+  std::vector<Matrix<double>> expansion(Quantity quantity, int terms) const;
+
   /// The least agreement of the two runs, in decimal digits, over all quantities and steps so far; no more than the
   /// lower precision has. P, P_{k|k}, Re and P^{-1} agree relative to their Frobenius norms. K, Kf, F and x too, unless
   /// both runs say that they are 0: all that is left is rounding of the terms that they are the difference of.
@@ -119,4 +127,4 @@ class Trajectory {
   std::unique_ptr<Implementation> implementation_;
 };
 
-}  // namespace kfstab::reference
+} // namespace kfstab::reference

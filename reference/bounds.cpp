@@ -1,0 +1,91 @@
+#include <kfstab/reference/bounds.hpp>
+
+#include <cmath>
+#include <limits>
+
+#include <kfstab/reference/definiteness.hpp>
+#include <kfstab/reference/steady_state.hpp>
+
+namespace kfstab::reference {
+namespace {
+
+/// X Y X'. By lazy products: these are small, and Eigen's blocked ones take ten times as long to compile.
+Matrix<double> congruence(const Matrix<double>& X, const Matrix<double>& Y) {
+  const Matrix<double> XY = X.lazyProduct(Y);
+  return XY.lazyProduct(X.transpose());
+}
+
+} // namespace
+
+FirstOrderBound::FirstOrderBound(const Metadata& metadata, Dimensions dimensions)
+    : held_(metadata.holds),
+      instant_(metadata.instant),
+      constant_(unit_roundoff<double>() * static_cast<double>(dimensions.n + dimensions.m + dimensions.p)),
+      W_(Matrix<double>::Zero(dimensions.n, dimensions.n)) {}
+
+double FirstOrderBound::advance(const Truth& truth) {
+  const bool filtered = instant_ == Instant::filtered;
+  const Matrix<double>& F = filtered ? truth.filtered_closed_loop : truth.closed_loop;
+  const Matrix<double>& P = filtered ? truth.P_filtered : truth.P_next;
+  const Index n = P.rows();
+
+  Matrix<double> local = Matrix<double>::Identity(n, n);
+  switch (held_) {
+    case Held::covariance:
+      local *= constant_ * truth.innovation_condition / (truth.cosine * truth.cosine) * two_norm(P);
+      break;
+    case Held::covariance_factor:
+      local *= 2 * constant_ * (1 + std::sqrt(truth.innovation_condition)) / truth.cosine * two_norm(P);
+      break;
+    case Held::information_factor:
+      local = 2 * constant_ * truth.information_amplification * two_norm(truth.information) * P.lazyProduct(P);
+      break;
+  }
+  const Matrix<double> carried = congruence(F, W_) + local;
+  W_ = (carried + carried.transpose()) / 2;
+  const double size = P.norm();
+  return size > 0 ? W_.norm() / size : 0;
+}
+
+Matrix<double> asymmetry_map(Asymmetry form, bool one_triangle_of_Re, const Matrix<double>& A, const Matrix<double>& KC,
+                             const Matrix<double>& F, const Matrix<double>& D) {
+  const Matrix<double> open = congruence(A, D);
+  const Matrix<double> closed = congruence(F, D);
+  const Matrix<double> measured = congruence(KC, D);
+  switch (form) {
+    case Asymmetry::none:
+      break;
+    case Asymmetry::textbook:
+      return one_triangle_of_Re ? Matrix<double>(closed - measured) : closed;
+    case Asymmetry::mixed:
+      return one_triangle_of_Re ? Matrix<double>(2 * open - closed + measured) : Matrix<double>(2 * open - closed);
+    case Asymmetry::gain:
+      return one_triangle_of_Re ? open : Matrix<double>(open - measured);
+    case Asymmetry::cp:
+    case Asymmetry::downdate:
+      return one_triangle_of_Re ? open : Matrix<double>(open + measured);
+  }
+  return Matrix<double>::Zero(D.rows(), D.cols());
+}
+
+double asymmetry_growth(Asymmetry form, bool one_triangle_of_Re, const Matrix<double>& A, const Matrix<double>& KC,
+                        const Matrix<double>& F) {
+  // The map's matrix on the basis e_i e_j' - e_j e_i', i > j.
+  const Index n = A.rows(), size = n * (n - 1) / 2;
+  Matrix<double> map(size, size);
+  Matrix<double> D = Matrix<double>::Zero(n, n);
+  Index column = 0;
+  for (Index j = 0; j < n; ++j)
+    for (Index i = j + 1; i < n; ++i, ++column) {
+      D(i, j) = 1;
+      D(j, i) = -1;
+      const Matrix<double> image = asymmetry_map(form, one_triangle_of_Re, A, KC, F, D);
+      D(i, j) = D(j, i) = 0;
+      Index row = 0;
+      for (Index l = 0; l < n; ++l)
+        for (Index k = l + 1; k < n; ++k, ++row) map(row, column) = (image(k, l) - image(l, k)) / 2;
+    }
+  return spectral_radius(map);
+}
+
+} // namespace kfstab::reference

@@ -1,0 +1,507 @@
+#include <cmath>
+#include <limits>
+#include <thread>
+
+#include <gtest/gtest.h>
+
+#include <kfstab/reference/trajectory.hpp>
+
+#include "support.hpp"
+
+namespace kfstab::reference::testing {
+namespace {
+
+// Terms of an expansion that hold more than any number of digits certified here at 50 digits: 4 x 15.95.
+constexpr int terms = 4;
+
+AnyProblem<double> dyer_mcreynolds(int j) {
+  const double d = std::ldexp(1.0, -j);
+  CovarianceModel<double> model;
+  model.A = Matrix<double>::Identity(3, 3);
+  model.B = Matrix<double>(3, 0);
+  model.Q = Matrix<double>(0, 0);
+  model.C = matrix(2, 3, {1, 1, 1, 1, 1, 1 + d});
+  model.R = d * d * Matrix<double>::Identity(2, 2);
+  return Problem<CovarianceModel<double>>{{model}, Matrix<double>::Identity(3, 3), Vector<double>::Zero(3)};
+}
+
+/// The first step in closed form, entry by entry in rationals.
+Rationals dyer_mcreynolds_P(const Rational& d) {
+  const Rational a = 5 + 2 * d * (1 + d), b = -2 - d, c = 4 + d * d, scale = 8 + 2 * d * (1 + d);
+  Rationals P{{a, -3, b}, {-3, a, b}, {b, b, c}};
+  for (auto& row : P)
+    for (auto& entry : row) entry /= scale;
+  return P;
+}
+
+Rationals dyer_mcreynolds_K(const Rational& d) {
+  const Rational scale = 2 * d * (d * d + d + 4);
+  Rationals K{{2 * d + 1, d - 1}, {2 * d + 1, d - 1}, {d - 2, d * d + d + 2}};
+  for (auto& row : K)
+    for (auto& entry : row) entry /= scale;
+  return K;
+}
+
+TEST(Trajectory, ClosedFormsOfDyerAndMcReynoldsToAllCertifiedDigits) {
+  bool climbed = false;
+  for (int j = 2; j <= 50; ++j) {
+    SCOPED_TRACE(j);
+    const AnyProblem<double> problem = dyer_mcreynolds(j);
+    Trajectory trajectory(problem, nullptr);
+    trajectory.advance();
+    const int digits = trajectory.certified_digits();
+    EXPECT_GE(digits, 30);
+    // Certified at the lower precision; the higher run, which is read, is right to at least that.
+    const Wide tolerance = to_digits(std::min(digits, 60));
+    const Rational d(std::ldexp(1.0, -j));
+    EXPECT_LE(relative_distance(trajectory.expansion(Quantity::P_next, terms), dyer_mcreynolds_P(d)), tolerance);
+    EXPECT_LE(relative_distance(trajectory.expansion(Quantity::P_filtered, terms), dyer_mcreynolds_P(d)), tolerance);
+    EXPECT_LE(relative_distance(trajectory.expansion(Quantity::filter_gain, terms), dyer_mcreynolds_K(d)), tolerance);
+    EXPECT_LE(relative_distance(trajectory.expansion(Quantity::predictor_gain, terms), dyer_mcreynolds_K(d)),
+              tolerance);
+    for (Index r = 0; r < 3; ++r) {
+      for (Index c = 0; c < 3; ++c)
+        EXPECT_EQ(trajectory.truth().P_next(r, c),
+                  nearest(dyer_mcreynolds_P(d)[static_cast<std::size_t>(r)][static_cast<std::size_t>(c)]));
+      for (Index c = 0; c < 2; ++c)
+        EXPECT_EQ(trajectory.truth().filter_gain(r, c),
+                  nearest(dyer_mcreynolds_K(d)[static_cast<std::size_t>(r)][static_cast<std::size_t>(c)]));
+    }
+    climbed = climbed || trajectory.working_digits() > 100;
+  }
+  // k(Re) reaches 12 / d^2 = 1e31, which 50 digits cannot lose and keep 30.
+  EXPECT_TRUE(climbed);
+}
+
+TEST(Trajectory, ConditionOfTheInnovationFarBeyondDouble) {
+  // Re = d^2 I + C C' has trace t and determinant e, so k = (t + r) / (t - r), r^2 = t^2 - 4 e.
+  for (int j : {2, 10, 26, 40, 50}) {
+    const AnyProblem<double> problem = dyer_mcreynolds(j);
+    Trajectory trajectory(problem, nullptr);
+    trajectory.advance();
+    const Wide d = ldexp(Wide(1), -j), a = d * d + 3, b = 3 + d, c = d * d + 2 + (1 + d) * (1 + d);
+    const Wide t = a + c, e = a * c - b * b, root = sqrt(Wide(t * t - 4 * e));
+    const double expected = round_to_double(Wide((t + root) / (t - root)));
+    // two norms of 2 x 2 matrices in double, each by a few roundings
+    EXPECT_NEAR(trajectory.truth().innovation_condition / expected, 1, 32 * 0x1p-53) << j;
+  }
+}
+
+struct Case {
+  Dimensions d;
+  std::size_t models;
+};
+
+class Random : public ::testing::TestWithParam<Case> {};
+
+TEST_P(Random, AgreesWithRationalRecursion) {
+  const auto [d, models] = GetParam();
+  constexpr int steps = 4;
+  std::mt19937_64 random(20260 + static_cast<unsigned>(d.n * 100 + d.m * 10 + d.p) + models);
+  Problem<RootModel<double>> root;
+  for (std::size_t k = 0; k < models; ++k) root.models.push_back(random_root_model(random, d));
+  root.initial = few_bits_root(random, d.n);
+  root.x0 = few_bits(random, d.n, 1);
+  const auto covariance = as_covariance(root);
+  const auto data = random_data(random, d.p, 1, steps);
+
+  // Rubbish in the triangles that must not be read
+  Problem<RootModel<double>> dirty = root;
+  const auto spoil = [](Matrix<double>& S) {
+    for (Index j = 0; j < S.cols(); ++j)
+      for (Index i = 0; i < j; ++i) S(i, j) = std::numeric_limits<double>::quiet_NaN();
+  };
+  spoil(dirty.initial);
+  for (auto& model : dirty.models) {
+    spoil(model.Q_root);
+    spoil(model.R_root);
+  }
+
+  const AnyProblem<double> from_covariance = covariance, from_root = dirty;
+  Trajectory a(from_covariance, data), b(from_root, data);
+  RationalFilter rational{rationals(covariance.initial), rationals(covariance.x0), {}, {}, {}, {}, {}};
+  const auto stream = data->open();
+  for (int k = 0; k < steps; ++k) {
+    SCOPED_TRACE(k);
+    const StepData now = stream->next();
+    const Rationals P_predicted = rational.P;
+    rational.step(covariance.model(k), now.y, now.u);
+    for (Trajectory* trajectory : {&a, &b}) {
+      trajectory->advance();
+      EXPECT_EQ(trajectory->k(), k);
+      EXPECT_GE(trajectory->certified_digits(), 30);
+      const Wide tolerance = to_digits(std::min(trajectory->certified_digits(), 60));
+      EXPECT_LE(relative_distance(trajectory->expansion(Quantity::P_predicted, terms), P_predicted), tolerance);
+      EXPECT_LE(relative_distance(trajectory->expansion(Quantity::P_filtered, terms), rational.P_filtered), tolerance);
+      EXPECT_LE(relative_distance(trajectory->expansion(Quantity::P_next, terms), rational.P), tolerance);
+      EXPECT_LE(relative_distance(trajectory->expansion(Quantity::innovation, terms), rational.Re), tolerance);
+      EXPECT_LE(relative_distance(trajectory->expansion(Quantity::predictor_gain, terms), rational.K), tolerance);
+      EXPECT_LE(relative_distance(trajectory->expansion(Quantity::filter_gain, terms), rational.Kf), tolerance);
+      // Rounded once: the nearest double, however often the recursion rounded.
+      for (Index i = 0; i < d.n; ++i) {
+        const auto row = static_cast<std::size_t>(i);
+        EXPECT_EQ(trajectory->truth().x_filtered(i), nearest(rational.x_filtered[row][0]));
+        EXPECT_EQ(trajectory->truth().x_next(i), nearest(rational.x[row][0]));
+      }
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Sizes, Random,
+                         ::testing::Values(Case{{1, 1, 1}, 1}, Case{{2, 1, 1}, 1}, Case{{3, 2, 2}, 1},
+                                           Case{{4, 2, 1}, 1}, Case{{2, 3, 3}, 1}, Case{{3, 2, 2}, 2},
+                                           Case{{2, 1, 2}, 4}, Case{{3, 0, 1}, 1}, Case{{3, 2, 0}, 1},
+                                           Case{{2, 0, 0}, 1}, Case{{0, 0, 0}, 1}, Case{{0, 1, 1}, 1}));
+
+/// A model whose information form is exact: unit triangular matrices have exact inverses.
+struct ExactInformation {
+  Problem<InformationModel<double>> information;
+  Problem<CovarianceModel<double>> covariance;
+};
+
+ExactInformation exact_information() {
+  const Matrix<double> A = matrix(2, 2, {1, 0.5, 0, 1}), A_inverse = matrix(2, 2, {1, -0.5, 0, 1});
+  const Matrix<double> B = matrix(2, 2, {0.25, 1, 0.5, -0.75});
+  const Matrix<double> U = matrix(2, 2, {1, 3, 0, 2}), U_inverse = matrix(2, 2, {1, -1.5, 0, 0.5});
+  ExactInformation both;
+  InformationModel<double> information;
+  information.A_inverse = A_inverse;
+  information.A_inverse_B = A_inverse.lazyProduct(B);
+  information.C = matrix(2, 2, {1, 0.25, 0.5, 2});
+  information.D = matrix(2, 1, {0.5, 0.125});
+  information.Q_inverse_root = U;
+  information.R_inverse_root = matrix(2, 2, {4, 1, 0, 0.5});
+  information.w_mean = Vector<double>(matrix(2, 1, {0.75, -0.5}));
+  // Never read
+  information.Q_inverse_root(1, 0) = information.R_inverse_root(1, 0) = std::numeric_limits<double>::quiet_NaN();
+  both.information.models = {information};
+  both.information.initial = U;
+  both.information.x0 = Vector<double>(matrix(2, 1, {1, -2}));
+
+  CovarianceModel<double> covariance;
+  covariance.A = A;
+  covariance.B = B;
+  covariance.C = information.C;
+  // B E w as one more known input
+  covariance.D = Matrix<double>(2, 2);
+  covariance.D.col(0) = information.D;
+  covariance.D.col(1) = B.lazyProduct(information.w_mean);
+  covariance.Q = product_of(U_inverse);
+  const Matrix<double> R_root_inverse = matrix(2, 2, {0.25, -0.5, 0, 2});
+  covariance.R = product_of(R_root_inverse);
+  both.covariance.models = {covariance};
+  both.covariance.initial = product_of(U_inverse);
+  both.covariance.x0 = both.information.x0;
+  return both;
+}
+
+TEST(Trajectory, InformationProblemIsTheSameSystemAsItsCovarianceProblem) {
+  const ExactInformation both = exact_information();
+  std::mt19937_64 random(7);
+  std::vector<StepData> information_data, covariance_data;
+  for (int k = 0; k < 5; ++k) {
+    const Vector<double> y = few_bits(random, 2, 1), input = few_bits(random, 1, 1);
+    information_data.push_back({y, input});
+    covariance_data.push_back({y, Vector<double>(matrix(2, 1, {input(0), 1}))});
+  }
+  const AnyProblem<double> information = both.information;
+  Trajectory trajectory(information, std::make_shared<ListedData>(information_data));
+  RationalFilter rational{rationals(both.covariance.initial), rationals(both.covariance.x0), {}, {}, {}, {}, {}};
+  for (std::size_t k = 0; k < 5; ++k) {
+    trajectory.advance();
+    rational.step(both.covariance.models[0], covariance_data[k].y, covariance_data[k].u);
+    const Wide tolerance = to_digits(std::min(trajectory.certified_digits(), 60));
+    EXPECT_LE(relative_distance(trajectory.expansion(Quantity::P_filtered, terms), rational.P_filtered), tolerance);
+    EXPECT_LE(relative_distance(trajectory.expansion(Quantity::P_next, terms), rational.P), tolerance);
+    EXPECT_LE(relative_distance(trajectory.expansion(Quantity::predictor_gain, terms), rational.K), tolerance);
+    const Rationals Y = inverse(rational.P_filtered);
+    for (Index i = 0; i < 2; ++i) {
+      const auto row = static_cast<std::size_t>(i);
+      EXPECT_EQ(trajectory.truth().x_filtered(i), nearest(rational.x_filtered[row][0])) << k;
+      EXPECT_EQ(trajectory.truth().x_next(i), nearest(rational.x[row][0])) << k;
+      for (Index j = 0; j < 2; ++j)
+        EXPECT_EQ(trajectory.truth().information(i, j), nearest(Y[row][static_cast<std::size_t>(j)]));
+    }
+    EXPECT_GT(trajectory.truth().information_amplification, 2);
+  }
+}
+
+TEST(Trajectory, ClosedLoopsCarryWhatTheySay) {
+  std::mt19937_64 random(3);
+  Problem<RootModel<double>> root;
+  for (int k = 0; k < 3; ++k) root.models.push_back(random_root_model(random, {3, 2, 2}));
+  root.initial = few_bits_root(random, 3);
+  root.x0 = Vector<double>::Zero(3);
+  const AnyProblem<double> problem = root;
+  Trajectory trajectory(problem, nullptr);
+  for (int k = 0; k < 3; ++k) {
+    trajectory.advance();
+    const Truth& t = trajectory.truth();
+    const auto& model = root.model(k);
+    const Matrix<double> I = Matrix<double>::Identity(3, 3);
+    const Matrix<double> F = model.A - t.predictor_gain.lazyProduct(model.C);
+    const Matrix<double> J = I - t.filter_gain.lazyProduct(model.C);
+    const Matrix<double> Ff = k == 0 ? J : Matrix<double>(J.lazyProduct(root.model(k - 1).A));
+    // double's own rounding of a few products of numbers of this size
+    const double tolerance = 16 * 0x1p-53 * (1 + model.A.norm()) * (1 + t.filter_gain.norm() * model.C.norm()) * 4;
+    EXPECT_LE((t.closed_loop - F).norm(), tolerance);
+    EXPECT_LE((t.filtered_closed_loop - Ff).norm(), tolerance);
+    EXPECT_GT(t.cosine, 0);
+    EXPECT_LE(t.cosine, 1);
+    EXPECT_EQ(t.x_next.size(), 0);
+    EXPECT_EQ(t.information.size(), 0);
+  }
+}
+
+// ---- the certificate ----
+
+TEST(Trajectory, ClimbsFromAPrecisionThatIsTooSmall) {
+  const AnyProblem<double> problem = dyer_mcreynolds(12);
+  Trajectory small(problem, nullptr, 30, 20), usual(problem, nullptr, 30), tall(problem, nullptr, 30, 400);
+  EXPECT_EQ(small.working_digits(), 50);
+  for (int k = 0; k < 3; ++k) {
+    small.advance();
+    usual.advance();
+    tall.advance();
+    EXPECT_EQ(small.truth().P_next, tall.truth().P_next);
+    EXPECT_EQ(usual.truth().P_next, tall.truth().P_next);
+    EXPECT_EQ(usual.truth().predictor_gain, tall.truth().predictor_gain);
+  }
+  EXPECT_EQ(small.working_digits(), 100);  // 20 digits cannot certify 30
+  EXPECT_GE(small.certified_digits(), 30);
+  EXPECT_LE(small.certified_digits(), 50);
+  EXPECT_EQ(tall.working_digits(), 800);
+}
+
+TEST(Trajectory, ASmallPrecisionCertifiesNoMoreThanItHas) {
+  // One digit asked for: 20 and 50 digits do, and k(Re) = 12 / d^2 takes its share of the 20.
+  const AnyProblem<double> problem = dyer_mcreynolds(12);
+  Trajectory trajectory(problem, nullptr, 1, 20);
+  trajectory.advance();
+  EXPECT_EQ(trajectory.working_digits(), 50);
+  EXPECT_LE(trajectory.certified_digits(), 20);
+  const Wide error =
+      relative_distance(trajectory.expansion(Quantity::filter_gain, terms), dyer_mcreynolds_K(Rational(0x1p-12)));
+  EXPECT_LE(error, to_digits(trajectory.certified_digits()));
+  EXPECT_GE(error, to_digits(50));  // read from the 50-digit run, of which k(Re) has its share too
+}
+
+/// An error in a mode that no noise excites is never forgotten: 1.125^2 a step.
+TEST(Trajectory, ReplaysALongUnstableRunWithoutTheCallerNoticing) {
+  CovarianceModel<double> model;
+  model.A = matrix(2, 2, {1.125, 0.5, 0, 0.5});
+  model.B = Matrix<double>(2, 0);
+  model.Q = Matrix<double>(0, 0);
+  model.C = matrix(1, 2, {1, 0.3125});
+  model.R = matrix(1, 1, {1});
+  model.D = Matrix<double>(2, 0);
+  // P0 = 0: then P stays 0, and a rank-one P0 in the stable mode decays; this one is full
+  const AnyProblem<double> problem =
+      Problem<CovarianceModel<double>>{{model}, matrix(2, 2, {1, 0.5, 0.5, 1}), Vector<double>::Ones(2)};
+  std::mt19937_64 random(11);
+  const auto data = random_data(random, 1, 0, 400);
+  Trajectory climbing(problem, data, 30, 20), tall(problem, data, 30, 400);
+  const int opened = data->opened();
+  for (int k = 0; k < 400; ++k) {
+    climbing.advance();
+    tall.advance();
+    EXPECT_EQ(climbing.k(), k);
+    ASSERT_EQ(climbing.truth().P_next, tall.truth().P_next) << k;
+    ASSERT_EQ(climbing.truth().x_next, tall.truth().x_next) << k;
+  }
+  EXPECT_GT(data->opened(), opened);
+  EXPECT_GE(climbing.certified_digits(), 30);
+}
+
+TEST(Trajectory, TwoRunsCannotAgreeByLosingTheSameAddend) {
+  // P0 = 2^700 [1 1; 1 1] + diag(0, 1): 50, 100 and 200 digits all lose the 1, and would agree on P_{k|k}
+  // = [1 1; 1 1] to all their digits. It is [1 1; 1 2] but for 2^-700.
+  RootModel<double> model;
+  model.A = Matrix<double>::Identity(2, 2);
+  model.B = Matrix<double>(2, 0);
+  model.Q_root = Matrix<double>(0, 0);
+  model.C = matrix(1, 2, {1, 0});
+  model.R_root = matrix(1, 1, {1});
+  const AnyProblem<double> problem =
+      Problem<RootModel<double>>{{model}, matrix(2, 2, {0x1p350, 0, 0x1p350, 1}), Vector<double>::Zero(2)};
+  Trajectory trajectory(problem, nullptr);
+  trajectory.advance();
+  EXPECT_EQ(trajectory.truth().P_filtered, matrix(2, 2, {1, 1, 1, 2}));
+  EXPECT_GE(trajectory.working_digits(), 400);
+
+  // The scalar case: P - P^2 / (P + 1) is 0 in any precision below 2^700.
+  model.A = model.C = matrix(1, 1, {1});
+  model.B = Matrix<double>(1, 0);
+  const AnyProblem<double> scalar =
+      Problem<RootModel<double>>{{model}, matrix(1, 1, {0x1p350}), Vector<double>::Zero(1)};
+  Trajectory one(scalar, nullptr);
+  one.advance();
+  EXPECT_EQ(one.truth().P_filtered(0, 0), 1);
+}
+
+TEST(Trajectory, ExactZerosAreFound) {
+  // A perfect measurement of the whole state leaves nothing: P_{k|k} = 0, F = 0, P+ = B Q B'.
+  CovarianceModel<double> model;
+  model.A = matrix(2, 2, {0.3, 1, 0, 0.7});
+  model.B = matrix(2, 1, {1, 0.5});
+  model.Q = matrix(1, 1, {1});
+  model.C = matrix(2, 2, {0.1, 0.7, 1, 0.3});
+  model.R = Matrix<double>::Zero(2, 2);
+  const AnyProblem<double> perfect =
+      Problem<CovarianceModel<double>>{{model}, matrix(2, 2, {3, 0.1, 0.1, 0.7}), Vector<double>::Zero(2)};
+  Trajectory trajectory(perfect, nullptr);
+  trajectory.advance();
+  EXPECT_EQ(trajectory.truth().P_filtered, Matrix<double>::Zero(2, 2));
+  EXPECT_EQ(trajectory.truth().closed_loop, Matrix<double>::Zero(2, 2));
+  EXPECT_EQ(trajectory.truth().P_next, matrix(2, 2, {1, 0.5, 0.5, 0.25}));
+
+  // P C' = 0 although neither is: no gain, and F = A.
+  model.C = matrix(1, 2, {0.3, 0.3});
+  model.R = matrix(1, 1, {0.1});
+  const AnyProblem<double> blind =
+      Problem<CovarianceModel<double>>{{model}, matrix(2, 2, {0.1, -0.1, -0.1, 0.1}), Vector<double>::Zero(2)};
+  Trajectory none(blind, nullptr);
+  none.advance();
+  EXPECT_EQ(none.truth().predictor_gain, Matrix<double>::Zero(2, 1));
+  EXPECT_EQ(none.truth().filter_gain, Matrix<double>::Zero(2, 1));
+  EXPECT_EQ(none.truth().closed_loop, model.A);
+  EXPECT_GE(none.certified_digits(), 30);
+
+  // An estimate that the data bring to 0: x = 1, Kf = 1/2, innovation -2
+  CovarianceModel<double> scalar;
+  scalar.A = scalar.B = scalar.C = scalar.Q = scalar.R = matrix(1, 1, {1});
+  scalar.D = Matrix<double>(1, 0);
+  const AnyProblem<double> to_zero =
+      Problem<CovarianceModel<double>>{{scalar}, matrix(1, 1, {1}), Vector<double>::Ones(1)};
+  const auto data =
+      std::make_shared<ListedData>(std::vector<StepData>{{Vector<double>::Constant(1, -1.0), Vector<double>(0)}});
+  Trajectory zero(to_zero, data);
+  zero.advance();
+  EXPECT_EQ(zero.truth().x_filtered(0), 0);
+}
+
+TEST(Trajectory, MoreDigitsOnRequest) {
+  const AnyProblem<double> problem = dyer_mcreynolds(8);
+  Trajectory trajectory(problem, nullptr, 500);
+  trajectory.advance();
+  EXPECT_GE(trajectory.certified_digits(), 500);
+  EXPECT_EQ(trajectory.working_digits(), 1600);
+  EXPECT_THROW(Trajectory(problem, nullptr, 751), ReferenceError);
+  EXPECT_THROW(Trajectory(problem, nullptr, 0), ReferenceError);
+}
+
+// ---- threads ----
+
+TEST(Trajectory, ThreadsGiveTheBitsThatOneGives) {
+  const AnyProblem<double> ill = dyer_mcreynolds(44);  // climbs to 200 digits
+  std::mt19937_64 random(5);
+  Problem<RootModel<double>> root;
+  root.models = {random_root_model(random, {4, 2, 2})};
+  root.initial = few_bits_root(random, 4);
+  root.x0 = few_bits(random, 4, 1);
+  const AnyProblem<double> ordinary = root;
+  const auto data = random_data(random, 2, 1, 60);
+  const auto run = [](const AnyProblem<double>& problem, const std::shared_ptr<const Data>& with, int steps) {
+    std::vector<Truth> truths;
+    Trajectory trajectory(problem, with);
+    for (int k = 0; k < steps; ++k) {
+      trajectory.advance();
+      truths.push_back(trajectory.truth());
+    }
+    return truths;
+  };
+  const auto serial_ill = run(ill, nullptr, 60), serial_ordinary = run(ordinary, data, 60);
+  std::vector<Truth> parallel_ill, parallel_ordinary;
+  std::thread one([&] { parallel_ill = run(ill, nullptr, 60); });
+  std::thread two([&] { parallel_ordinary = run(ordinary, data, 60); });
+  one.join();
+  two.join();
+  for (std::size_t k = 0; k < 60; ++k) {
+    EXPECT_EQ(parallel_ill[k].P_next, serial_ill[k].P_next);
+    EXPECT_EQ(parallel_ill[k].filter_gain, serial_ill[k].filter_gain);
+    EXPECT_EQ(parallel_ordinary[k].P_next, serial_ordinary[k].P_next);
+    EXPECT_EQ(parallel_ordinary[k].x_next, serial_ordinary[k].x_next);
+    EXPECT_EQ(parallel_ordinary[k].innovation_condition, serial_ordinary[k].innovation_condition);
+  }
+}
+
+// ---- what it refuses ----
+
+Problem<CovarianceModel<double>> plain() {
+  CovarianceModel<double> model;
+  model.A = matrix(2, 2, {0.5, 0.25, 0, 0.75});
+  model.B = matrix(2, 1, {1, 0.5});
+  model.C = matrix(1, 2, {1, 0});
+  model.D = Matrix<double>(2, 0);
+  model.Q = model.R = matrix(1, 1, {1});
+  return {{model}, Matrix<double>::Identity(2, 2), Vector<double>::Zero(2)};
+}
+
+template <class Change>
+std::string refusal(Change change, int steps = 1, std::shared_ptr<const Data> data = nullptr) {
+  Problem<CovarianceModel<double>> changed = plain();
+  change(changed);
+  const AnyProblem<double> problem = changed;
+  try {
+    Trajectory trajectory(problem, data);
+    for (int k = 0; k < steps; ++k) trajectory.advance();
+  } catch (const ReferenceError& error) {
+    return error.what();
+  }
+  return "accepted";
+}
+
+TEST(Trajectory, NamesWhatItRefuses) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_EQ(refusal([](auto&) {}), "accepted");
+  EXPECT_EQ(refusal([](auto& p) { p.initial(0, 1) = 0.5; }), "P0 is not symmetric: entries (1,0) and (0,1) differ");
+  EXPECT_EQ(refusal([](auto& p) { p.models[0].Q = Matrix<double>::Identity(2, 2); }), "Q is 2 x 2, expected 1 x 1");
+  EXPECT_EQ(refusal([&](auto& p) { p.models[0].A(1, 0) = nan; }), "A(1,0) is not finite");
+  EXPECT_EQ(refusal([&](auto& p) { p.models.push_back(p.models[0]), p.models[1].C(0, 1) = -1 / 0.0; }),
+            "C of model 1(0,1) is not finite");
+  EXPECT_EQ(refusal([](auto& p) { p.models.clear(); }), "the problem has no model");
+  EXPECT_EQ(refusal([](auto& p) { p.x0 = Vector<double>::Zero(3); }), "x0 is 3 x 1, expected 2 x 1");
+  EXPECT_EQ(refusal([](auto& p) { p.models[0].R(0, 0) = -2; }),
+            "step 0: Re is not positive definite: pivot 0 of its Cholesky factorisation is -1.000000");
+  EXPECT_EQ(refusal([](auto& p) { p.models[0].R(0, 0) = 0, p.initial.setZero(); }),
+            "step 0: Re is not positive definite: pivot 0 of its Cholesky factorisation is 0.000000");
+  EXPECT_EQ(refusal([](auto& p) { p.models[0].A *= 0x1p300; }, 4),
+            "step 1: P_{k+1|k} does not fit a double (overflow)");
+  const auto data = std::make_shared<ListedData>(std::vector<StepData>{{Vector<double>::Zero(1), Vector<double>(0)},
+                                                                       {Vector<double>::Zero(2), Vector<double>(0)}});
+  EXPECT_EQ(refusal([](auto&) {}, 2, data), "y of step 1 is 2 x 1, expected 1 x 1");
+}
+
+TEST(Trajectory, NamesWhatItRefusesOfAnInformationProblem) {
+  const auto refused = [](auto change) -> std::string {
+    auto information = exact_information().information;
+    change(information);
+    const AnyProblem<double> problem = information;
+    try {
+      Trajectory(problem, nullptr).advance();
+    } catch (const ReferenceError& error) {
+      return error.what();
+    }
+    return "accepted";
+  };
+  EXPECT_EQ(refused([](auto&) {}), "accepted");
+  // 7 / 3 has no end in binary: elimination in any precision leaves a pivot of rounding, not 0
+  EXPECT_EQ(refused([](auto& p) { p.models[0].A_inverse = matrix(2, 2, {3, 7, 6, 14}); }), "A^{-1} is singular");
+  EXPECT_EQ(refused([](auto& p) { p.models[0].Q_inverse_root(1, 1) = 0; }), "Q^{-1/2} is singular: entry (1,1) is 0");
+  EXPECT_EQ(refused([](auto& p) { p.initial(0, 0) = 0; }), "T0 is singular: entry (0,0) is 0");
+  EXPECT_EQ(refused([](auto& p) { p.models[0].w_mean = Vector<double>::Zero(1); }),
+            "the mean of w is 1 x 1, expected 2 x 1");
+}
+
+TEST(Trajectory, SaysSoWhenNoPrecisionHelps) {
+  // Re is exactly singular, but rounding hides it: C P C' = 0.1 (1 - 1), R = 0.
+  EXPECT_NE(refusal([](auto& p) {
+              p.models[0].R.setZero();
+              p.models[0].C = matrix(1, 2, {0.3, 0.3});
+              p.initial = matrix(2, 2, {0.1, -0.1, -0.1, 0.1});
+            }).find("Re is singular or indefinite as far as 800 digits can tell"),
+            std::string::npos);
+}
+
+}  // namespace
+}  // namespace kfstab::reference::testing
