@@ -26,10 +26,10 @@ Reflector<Scalar> make_reflector(const Scalar& alpha, Index size, Access&& x) {
   Scalar largest(0);
   for (Index i = 0; i < size; ++i) {
     const Scalar a = abs(Scalar(x(i)));
-    if (!(a <= largest)) largest = a;
+    if (a > largest || !(a == a)) largest = a;  // a NaN stays: nothing is greater
   }
   if (largest == Scalar(0)) return {alpha, Scalar(0)};
-  if (!(abs(alpha) <= largest)) largest = abs(alpha);
+  if (abs(alpha) > largest || !(alpha == alpha)) largest = abs(alpha);
 
   // Squares of numbers in [small, 1/small] neither overflow when summed nor lose digits to gradual underflow. Outside,
   // everything is divided by a power of two, which rounds nothing.

@@ -145,7 +145,7 @@ void solve_lu(const MType& LU, const Pivots& pivots, YType& y) {
     if (pivots(k) != k) std::swap(y(k), y(pivots(k)));
 }
 
-/// Largest column sum of absolute values.
+/// Largest column sum of absolute values; NaN if there is one among them.
 template <class MType>
 typename MType::Scalar one_norm(const MType& M) {
   using std::abs;
@@ -154,7 +154,7 @@ typename MType::Scalar one_norm(const MType& M) {
   for (Index j = 0; j < M.cols(); ++j) {
     Scalar sum(0);
     for (Index i = 0; i < M.rows(); ++i) sum += abs(M(i, j));
-    if (!(sum <= norm)) norm = sum;
+    if (sum > norm || !(sum == sum)) norm = sum;
   }
   return norm;
 }
@@ -169,7 +169,7 @@ typename MType::Scalar one_norm_triangular(const MType& M) {
     Scalar sum(0);
     const Index first = triangle == Triangle::lower ? j : 0, last = triangle == Triangle::lower ? M.rows() : j + 1;
     for (Index i = first; i < last; ++i) sum += abs(M(i, j));
-    if (!(sum <= norm)) norm = sum;
+    if (sum > norm || !(sum == sum)) norm = sum;
   }
   return norm;
 }
@@ -183,7 +183,7 @@ typename MType::Scalar one_norm_symmetric_upper(const MType& M) {
   for (Index j = 0; j < M.cols(); ++j) {
     Scalar sum(0);
     for (Index i = 0; i < M.rows(); ++i) sum += i <= j ? abs(M(i, j)) : abs(M(j, i));
-    if (!(sum <= norm)) norm = sum;
+    if (sum > norm || !(sum == sum)) norm = sum;
   }
   return norm;
 }
