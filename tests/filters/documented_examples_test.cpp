@@ -1,0 +1,229 @@
+// The examples that other libraries print in their manuals. Four decimals are printed, so a result is right when it is
+// within half a unit of the last of them, and within what rounding in the filter's own scalar may have added.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include <kfstab/filters/linear_solve.hpp>
+#include <kfstab/filters/registry.hpp>
+
+#include "filters/plain_recursion.hpp"
+#include "filters/random_problem.hpp"
+
+namespace kfstab::test {
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr double half_unit = .5e-4;
+constexpr double threshold = 30;
+
+Json read(const std::string& file) {
+  std::ifstream stream(KFSTAB_SOURCE_DIR "/tests/oracle/" + file);
+  EXPECT_TRUE(stream) << file;
+  return Json::parse(stream);
+}
+
+Matrix<double> matrix(const Json& json) {
+  if (!json.at(0).is_array()) {
+    Matrix<double> x(static_cast<Index>(json.size()), 1);
+    for (Index i = 0; i < x.rows(); ++i) x(i, 0) = json.at(static_cast<std::size_t>(i));
+    return x;
+  }
+  Matrix<double> X(static_cast<Index>(json.size()), static_cast<Index>(json.at(0).size()));
+  for (Index i = 0; i < X.rows(); ++i)
+    for (Index j = 0; j < X.cols(); ++j) X(i, j) = json.at(static_cast<std::size_t>(i)).at(static_cast<std::size_t>(j));
+  return X;
+}
+
+/// X X' and X Y; the sizes are too small to care.
+Matrix<double> square(const Matrix<double>& X) { return X.lazyProduct(X.transpose()); }
+
+template <class Model>
+void read_dynamics(const Json& example, Model& model) {
+  model.A = matrix(example["A"]);
+  model.B = matrix(example["B"]);
+  model.C = matrix(example["C"]);
+  model.D.resize(model.A.rows(), 0);
+}
+
+AnyProblem<double> as_covariance(const Json& example) {
+  Problem<CovarianceModel<double>> problem;
+  auto& model = problem.models.emplace_back();
+  read_dynamics(example, model);
+  const bool roots = example["takes"] == "root";
+  model.Q = roots ? square(matrix(example["Q_root"])) : matrix(example["Q"]);
+  model.R = roots ? square(matrix(example["R_root"])) : matrix(example["R"]);
+  problem.initial = roots ? square(matrix(example["S0"])) : matrix(example["P0"]);
+  problem.x0 = Vector<double>::Zero(model.A.rows());
+  return problem;
+}
+
+AnyProblem<double> as_root(const Json& example) {
+  Problem<RootModel<double>> problem;
+  auto& model = problem.models.emplace_back();
+  read_dynamics(example, model);
+  model.Q_root = matrix(example["Q_root"]);
+  model.R_root = matrix(example["R_root"]);
+  problem.initial = matrix(example["S0"]);
+  problem.x0 = Vector<double>::Zero(model.A.rows());
+  return problem;
+}
+
+/// FB01SD starts from a filtered state, AnyFilter from a predicted one: a first measurement that says nothing, C = 0, is
+/// put before.
+AnyProblem<double> as_information(const Json& example, double sign_of_w) {
+  Problem<InformationModel<double>> problem;
+  InformationModel<double> model;
+  model.A_inverse = matrix(example["A_inverse"]);
+  model.A_inverse_B = matrix(example["A_inverse_B"]);
+  model.C = matrix(example["C"]);
+  model.D.resize(model.A_inverse.rows(), 0);
+  model.Q_inverse_root = matrix(example["Q_inverse_root"]);
+  model.R_inverse_root = matrix(example["R_inverse_root"]);
+  model.w_mean = sign_of_w * matrix(example["Z"]);
+  for (int k = 0; k <= example["steps"].get<int>(); ++k) problem.models.push_back(model);
+  problem.models.front().C.setZero();
+  problem.initial = matrix(example["T0"]);
+  problem.x0 = matrix(example["x0"]);
+  return problem;
+}
+
+struct Result {
+  Matrix<double> held, gain, state;
+  Judgement bounds;  ///< of the error of P or T'T, gain and state
+};
+
+/// Any problem for any scalar; its numbers rounded to that scalar, which the bounds take for one error more.
+template <class Scalar>
+Result run(std::string_view id, const AnyProblem<double>& problem, int steps, const Vector<double>* y = nullptr) {
+  const auto filter = make_filter<Scalar>(id);
+  const AnyProblem<Scalar> rounded = cast<Scalar>(problem);
+  PlainRecursion recursion(problem, filter->metadata(), static_cast<double>(unit_roundoff<Scalar>()));
+  filter->start(rounded);
+  const Vector<Scalar> y_rounded = y ? cast<Scalar>(*y) : Vector<Scalar>();
+  Result result;
+  for (int k = 0; k < steps; ++k) {
+    const auto step = filter->step(k, y ? &y_rounded : nullptr, nullptr);
+    EXPECT_EQ(step.report.status, Status::ok) << name(step.report.status) << " in step " << k;
+    recursion.step(k, y, nullptr);
+    result.held = exact(*step.held).front();
+    result.gain = exact(*step.gain).front();
+    if (step.state) result.state = exact(*step.state).front();
+    result.bounds = recursion.judge(exact(*step.held), exact(*step.gain), step.state ? exact(*step.state) : Exact{});
+  }
+  return result;
+}
+
+void expect_printed(const Matrix<double>& computed, const Matrix<double>& printed, double tolerance, const char* what) {
+  ASSERT_EQ(computed.rows(), printed.rows()) << what;
+  ASSERT_EQ(computed.cols(), printed.cols()) << what;
+  for (Index j = 0; j < printed.cols(); ++j)
+    for (Index i = 0; i < printed.rows(); ++i)
+      EXPECT_NEAR(computed(i, j), printed(i, j), tolerance) << what << "(" << i + 1 << "," << j + 1 << ")";
+}
+
+/// Columns with the sign of the printed ones.
+Matrix<double> signs_fixed(Matrix<double> S, const Matrix<double>& printed) {
+  for (Index j = 0; j < S.cols(); ++j)
+    if (S(j, j) * printed(j, j) < 0) S.col(j) *= -1;
+  return S;
+}
+
+/// Every filter that takes P or S gives the printed P and gain; one that holds S gives the printed S.
+template <class Scalar>
+void reproduces_covariances(const std::string& file) {
+  const Json example = read(file), expected = example["expected"];
+  const bool has_roots = example["takes"] == "root";
+  int filters_run = 0;
+  for (const Metadata& metadata : filters()) {
+    const Needs& needs = metadata.needs;
+    if (metadata.takes == Parametrisation::information || (metadata.takes == Parametrisation::root && !has_roots)) continue;
+    if (needs.invertible_A || needs.positive_definite_P0 || needs.positive_definite_Q) continue;
+    SCOPED_TRACE(std::string(metadata.id));
+    ++filters_run;
+    const auto problem = metadata.takes == Parametrisation::root ? as_root(example) : as_covariance(example);
+    const Result result = run<Scalar>(metadata.id, problem, example["steps"]);
+    const double rounding = threshold * result.bounds.held.bound;
+
+    const bool factor = metadata.holds == Held::covariance_factor;
+    const Matrix<double> P = factor ? square(result.held) : result.held;
+    if (expected.contains("P")) {
+      expect_printed(P, matrix(expected["P"]), half_unit + rounding, "P");
+    } else {
+      const Matrix<double> S = matrix(expected["S"]);
+      // An entry of S S' sums up to n products of two printed numbers.
+      const double sum = 2 * half_unit * static_cast<double>(S.rows()) * S.cwiseAbs().maxCoeff();
+      expect_printed(P, square(S), sum + rounding, "S S'");
+      if (factor && std::is_same_v<Scalar, double>) expect_printed(signs_fixed(result.held, S), S, 1.001 * half_unit, "S");
+    }
+
+    const Matrix<double> A = matrix(example["A"]);
+    const bool predictor = metadata.gain == GainKind::predictor;
+    const double gain_rounding = threshold * result.bounds.gain.bound;
+    if (expected.contains("filter_gain")) {
+      const Matrix<double> printed = matrix(expected["filter_gain"]);
+      if (predictor)
+        expect_printed(result.gain, A.lazyProduct(printed), half_unit * A.cwiseAbs().rowwise().sum().maxCoeff() + gain_rounding,
+                       "K");
+      else
+        expect_printed(result.gain, printed, half_unit + gain_rounding, "Kf");
+    } else {
+      const Matrix<double> printed = matrix(expected["predictor_gain"]);
+      const Matrix<double> K = predictor ? result.gain : Matrix<double>(A.lazyProduct(result.gain));
+      expect_printed(K, printed, half_unit + gain_rounding * (predictor ? 1 : A.norm()), "K");
+    }
+  }
+  EXPECT_GE(filters_run, 7);
+}
+
+template <class Scalar>
+void reproduces_fb01sd() {
+  const Json example = read("fb01sd.json"), expected = example["expected"];
+  ASSERT_EQ(matrix(example["R_inverse_root"]), (Matrix<double>::Identity(2, 2)));  // so y is what is called weighted y
+  const Vector<double> y = matrix(example["weighted_y"]);
+  const int steps = example["steps"].get<int>() + 1;
+  const Result result = run<Scalar>("srif", as_information(example, -1), steps, &y);
+  expect_printed(result.state, matrix(expected["x"]), half_unit + threshold * result.bounds.state.bound, "x");
+  const Matrix<double> T = matrix(expected["T"]), held = result.held.transpose();
+  const double sum = 2 * half_unit * static_cast<double>(T.rows()) * T.cwiseAbs().maxCoeff();
+  expect_printed(square(held), square(T.transpose()), sum + threshold * result.bounds.held.bound, "T'T");
+  if (std::is_same_v<Scalar, double>) expect_printed(signs_fixed(held, T.transpose()), T.transpose(), 1.001 * half_unit, "T'");
+}
+
+}  // namespace
+
+TEST(DocumentedExamples, FB01QD) { reproduces_covariances<double>("fb01qd.json"); }
+TEST(DocumentedExamples, FB01QDInFloat) { reproduces_covariances<float>("fb01qd.json"); }
+TEST(DocumentedExamples, G13EBCExample1) { reproduces_covariances<double>("g13ebc_1.json"); }
+TEST(DocumentedExamples, G13EBCExample1InFloat) { reproduces_covariances<float>("g13ebc_1.json"); }
+TEST(DocumentedExamples, G13EBCExample2) { reproduces_covariances<double>("g13ebc_2.json"); }
+TEST(DocumentedExamples, G13EBCExample2InFloat) { reproduces_covariances<float>("g13ebc_2.json"); }
+TEST(DocumentedExamples, FB01VD) { reproduces_covariances<double>("fb01vd.json"); }
+TEST(DocumentedExamples, FB01VDInFloat) { reproduces_covariances<float>("fb01vd.json"); }
+TEST(DocumentedExamples, FB01SD) { reproduces_fb01sd<double>(); }
+TEST(DocumentedExamples, FB01SDInFloat) { reproduces_fb01sd<float>(); }
+
+// Only one sign of the process noise's mean gives the printed state: the routine's Z is the mean of -w.
+TEST(DocumentedExamples, FB01SDWithTheOtherSignOfZIsAnotherState) {
+  const Json example = read("fb01sd.json");
+  const Vector<double> y = matrix(example["weighted_y"]);
+  const Result result = run<double>("srif", as_information(example, 1), 4, &y);
+  EXPECT_GT((result.state - matrix(example["expected"]["x"])).cwiseAbs().maxCoeff(), .1);
+}
+
+// The factor of Re that FB01VD returns, by the factorisation that the conventional filter uses.
+TEST(DocumentedExamples, FB01VDInnovationFactor) {
+  const Json example = read("fb01vd.json");
+  const Matrix<double> C = matrix(example["C"]), P = matrix(example["P0"]);
+  Matrix<double> Re = matrix(example["R"]);
+  Re += Matrix<double>(C.lazyProduct(P)).lazyProduct(C.transpose());
+  ASSERT_EQ(cholesky_upper(Re), 0);
+  Re(1, 0) = 0;
+  expect_printed(Re, matrix(example["expected"]["Re_root"]), 1.001 * half_unit, "V");
+}
+
+}  // namespace kfstab::test
