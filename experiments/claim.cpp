@@ -1,0 +1,72 @@
+#include <kfstab/experiments/claim.hpp>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+#include <fmt/core.h>
+
+#include <kfstab/properties/input_error.hpp>
+
+namespace kfstab::experiments {
+
+std::vector<Claim> unordered_claims();  // the generated table
+
+std::vector<Claim> all_claims() {
+  std::vector<Claim> all = unordered_claims();
+  std::ranges::sort(all, {}, &Claim::number);
+  return all;
+}
+
+reports::Verdict ClaimResult::verdict() const {
+  bool measured = !findings.checks.empty();
+  for (const reports::Check& check : findings.checks) {
+    if (std::isnan(check.measured))
+      measured = false;
+    else if (!check.holds)
+      return reports::Verdict::refuted;
+  }
+  return measured ? reports::Verdict::confirmed : reports::Verdict::inconclusive;
+}
+
+ClaimResult run_claim(const Claim& claim, const std::map<std::string, double>& set) {
+  std::map<std::string, double> values;
+  for (const Parameter& parameter : claim.parameters) {
+    const auto given = set.find(parameter.name);
+    const double value = given == set.end() ? parameter.value : given->second;
+    if (!(value >= parameter.least && value <= parameter.most)) {
+      properties::Place place;
+      place.origin = "--set";
+      place.field = parameter.name;
+      throw properties::InputError(place, fmt::format("{}", value),
+                                   fmt::format("{} of claim {} from {} to {}", parameter.meaning, claim.id,
+                                               parameter.least, parameter.most));
+    }
+    values[parameter.name] = value;
+  }
+  ClaimResult result{claim, Settings(values), {}, 0};
+  const auto begin = std::chrono::steady_clock::now();
+  result.findings = claim.measure(result.settings);
+  result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  return result;
+}
+
+reports::Check check_close(std::string name, double predicted, double measured, double relative) {
+  const bool holds = std::abs(measured - predicted) <= relative * std::abs(predicted);
+  return {std::move(name), predicted, measured, fmt::format("within {:g} % of the prediction", 100 * relative), holds};
+}
+
+reports::Check check_within(std::string name, double predicted, double measured, double distance) {
+  const bool holds = std::abs(measured - predicted) <= distance;
+  return {std::move(name), predicted, measured, fmt::format("within {:g} of the prediction", distance), holds};
+}
+
+reports::Check check_at_most(std::string name, double limit, double measured, std::string reason) {
+  return {std::move(name), limit, measured, fmt::format("at most {:g}: {}", limit, reason), measured <= limit};
+}
+
+reports::Check check_at_least(std::string name, double limit, double measured, std::string reason) {
+  return {std::move(name), limit, measured, fmt::format("at least {:g}: {}", limit, reason), measured >= limit};
+}
+
+}  // namespace kfstab::experiments

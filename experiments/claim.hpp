@@ -1,0 +1,82 @@
+#pragma once
+
+#include <functional>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <kfstab/reports/document.hpp>
+
+/// A claim of the literature as an experiment. Each is one file in claims/, which defines one function that returns its
+/// Claim; CMake makes the table.
+namespace kfstab::experiments {
+
+/// A number that a claim can be run with, by `--set name=value`.
+struct Parameter {
+  std::string name;
+  double value;  ///< what it is unless set
+  std::string meaning;
+  double least, most;  ///< what it may be set to, both included
+};
+
+/// The values that a run of a claim uses. A claim's prediction follows them.
+class Settings {
+ public:
+  Settings() = default;
+  explicit Settings(std::map<std::string, double> values) : values_(std::move(values)) {}
+  /// The value of a parameter that the claim has declared.
+  double operator()(const std::string& name) const { return values_.at(name); }
+  const std::map<std::string, double>& values() const { return values_; }
+
+ private:
+  std::map<std::string, double> values_;
+};
+
+/// What a claim measured: numbers beside their predictions, and the figures that show them.
+struct Findings {
+  std::vector<reports::Check> checks;
+  std::vector<reports::Figure> figures;
+};
+
+struct Claim {
+  std::string id;         ///< "asymmetry-growth"
+  int number;             ///< in the ledger of docs/theory.md: 3 for C3
+  std::string title;
+  std::string statement;  ///< what is claimed, in a sentence or two
+  std::string source;
+  std::string setup;      ///< systems, filters, what is varied
+  std::string prediction; ///< what should be seen, and from which equation
+  std::string meaning;    ///< for somebody who chooses a filter
+  std::vector<Parameter> parameters;
+  std::function<Findings(const Settings&)> measure;
+};
+
+/// A claim that was run.
+struct ClaimResult {
+  Claim claim;
+  Settings settings;
+  Findings findings;
+  double seconds = 0;
+
+  /// Computed from the checks: refuted if one fails; inconclusive if one could not be measured, or there is none;
+  /// else confirmed.
+  reports::Verdict verdict() const;
+};
+
+/// All claims, in the order of the ledger.
+std::vector<Claim> all_claims();
+
+/// Runs a claim with its own parameters out of `set` and the defaults for the others. Throws properties::InputError for a
+/// value out of range.
+ClaimResult run_claim(const Claim& claim, const std::map<std::string, double>& set);
+
+/// A check that a measured value lies within a relative tolerance of the predicted one. Not finite: does not hold.
+reports::Check check_close(std::string name, double predicted, double measured, double relative);
+/// A check that a measured value lies within an absolute distance of the predicted one.
+reports::Check check_within(std::string name, double predicted, double measured, double distance);
+/// A check that a measured value is at most, or at least, a limit.
+reports::Check check_at_most(std::string name, double limit, double measured, std::string reason);
+reports::Check check_at_least(std::string name, double limit, double measured, std::string reason);
+
+}  // namespace kfstab::experiments

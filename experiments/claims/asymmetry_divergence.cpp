@@ -1,0 +1,117 @@
+#include <cmath>
+
+#include <fmt/core.h>
+
+#include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/fit.hpp>
+#include <kfstab/experiments/models.hpp>
+#include <kfstab/experiments/run.hpp>
+#include <kfstab/experiments/selection.hpp>
+#include <kfstab/filters/registry.hpp>
+#include <kfstab/reference/bounds.hpp>
+#include <kfstab/reference/steady_state.hpp>
+
+namespace kfstab::experiments::claims {
+namespace {
+
+properties::System unstable_system(std::int64_t steps) {
+  Matrix<double> A(3, 3), B(3, 1), C(1, 3);
+  A << 1.02, .25, 0, -.25, 1.02, .125, 0, 0, .9;
+  B << .25, 0, .5;
+  C << 1, 0, 1;
+  return system_of("unstable-pair", A, B, C, Matrix<double>::Identity(1, 1), Matrix<double>::Identity(3, 3), steps);
+}
+
+/// The factor by which a curve grows per step, between the steps `from` and `to`.
+double growth_between(const Series& series, double from, double to) {
+  std::vector<double> steps, logs;
+  const auto points = series.points();
+  for (std::size_t i = 0; i < points.step.size(); ++i)
+    if (points.step[i] >= from && points.step[i] <= to) {
+      steps.push_back(points.step[i]);
+      logs.push_back(std::log(points.value[i]));
+    }
+  return std::exp(fit_line(steps, logs).slope);
+}
+
+Findings measure(const Settings& set) {
+  const auto system = unstable_system(static_cast<std::int64_t>(set("steps")));
+  const auto problem = problem_of(system, Parametrisation::covariance);
+  const auto& A = system.A.matrices.front();
+  const auto steady = reference::steady_state(problem);
+  const Matrix<double> KC = steady.predictor_gain * system.C.matrices.front();
+
+  Findings findings;
+  reports::Figure figure;
+  figure.id = "asymmetry-divergence-error";
+  figure.title = "Rounding alone makes three codings of one formula diverge";
+  figure.caption =
+      "How far is the computed P from the true one? Nothing was perturbed: the first rounding that breaks symmetry grows "
+      "by |l1 l2|, the product of the two largest eigenvalue moduli of A (dashed), in the codings (iii), (iv), (v), faster "
+      "in (ii), and not at all in the others.";
+  figure.x = {"step k", false};
+  figure.y = {"relative error of P, ||P^ - P|| / ||P||", true};
+
+  const auto selected = select_filters("-srif");
+  const SystemRun result = run(system, selected, {});
+  for (const FilterRun& f : result.filters) {
+    const std::string id(f.metadata->id);
+    const auto points = f.covariance_error.points();
+    figure.curves.push_back(
+        {id, id, points.step, points.value, reports::CurveRole::measured_line, color_of(id)});
+    const Asymmetry coding = f.metadata->asymmetry;
+    const double predicted = reference::asymmetry_growth(coding, false, A, KC, steady.closed_loop);
+    if (coding == Asymmetry::gain || coding == Asymmetry::cp || coding == Asymmetry::downdate) {
+      findings.checks.push_back(check_close(fmt::format("{}: growth of the error per step, k = 100..300", id), predicted,
+                                            growth_between(f.covariance_error, 100, 300), .02));
+    } else if (coding == Asymmetry::mixed) {
+      // It has no digit left long before step 100: fitted while the error is small enough to be linear.
+      const auto growth = fit_growth(points.value, 1e-14, 1e-4);
+      findings.checks.push_back(
+          check_close(fmt::format("{}: growth of the error per step while it is below 1e-4", id), predicted, growth.factor, .02));
+    } else {
+      findings.checks.push_back(check_at_most(fmt::format("{}: worst relative error of P", id), 1e-14,
+                                              f.covariance_error.largest(),
+                                              "rounding level, as nothing in this problem amplifies a symmetric error"));
+    }
+  }
+
+  // The prediction as a line: through nothing that was measured, but for its height at k = 100.
+  double height = 0;
+  for (const FilterRun& f : result.filters)
+    if (f.metadata->id == "ckf-gain") {
+      const auto points = f.covariance_error.points();
+      if (points.value.size() > 100) height = points.value[100];
+    }
+  const double rate = reference::asymmetry_growth(Asymmetry::gain, false, A, KC, steady.closed_loop);
+  reports::Curve theory{"theory", fmt::format("theory: {:.4f}^k", rate), {}, {}, reports::CurveRole::theory, -1};
+  for (double k = 0; k <= static_cast<double>(result.steps_done); k += 10) {
+    theory.x.push_back(k);
+    theory.y.push_back(height * std::pow(rate, k - 100));
+  }
+  figure.curves.push_back(std::move(theory));
+  findings.figures.push_back(std::move(figure));
+  return findings;
+}
+
+}  // namespace
+
+Claim asymmetry_divergence() {
+  return {.id = "asymmetry-divergence",
+          .number = 4,
+          .title = "An unsymmetrised filter diverges from rounding alone",
+          .statement = "On an unstable system whose Kalman filter is stable, rounding makes codings (ii), (iii), (iv) and "
+                       "(v) of the conventional filter lose every digit, while coding (i), the symmetric form, Joseph's "
+                       "form and the square-root filter keep all of theirs.",
+          .source = "derived here, after Verhaegen and Van Dooren (1986), theory (3.i)-(3.v)",
+          .setup = "A = [1.02 .25 0; -.25 1.02 .125; 0 0 .9], B = [.25; 0; .5], C = [1 0 1], Q = R = 1, P0 = I, no "
+                   "perturbation; relative error of P against the reference.",
+          .prediction = "With one output the asymmetry D = P - P' goes by D+ = A D A' in (iii), (iv), (v): growth per step "
+                        "|l1 l2| = 1.1029; in (ii) by D+ = 2 A D A' - F D F'.",
+          .meaning = "Symmetrise P every step, compute one triangle of it, or hold a factor. A filter that passes a test "
+                     "of a hundred steps may be gone after four hundred.",
+          .parameters = {{"steps", 400, "number of steps", 310, 2000}},
+          .measure = measure};
+}
+
+}  // namespace kfstab::experiments::claims

@@ -1,0 +1,91 @@
+#include <algorithm>
+#include <set>
+
+#include <fmt/core.h>
+
+#include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/commands/commands.hpp>
+#include <kfstab/experiments/interruption.hpp>
+#include <kfstab/experiments/output.hpp>
+#include <kfstab/experiments/pages.hpp>
+#include <kfstab/experiments/progress.hpp>
+#include <kfstab/experiments/results.hpp>
+#include <kfstab/experiments/selection.hpp>
+#include <kfstab/properties/expression.hpp>
+#include <kfstab/properties/input_error.hpp>
+#include <kfstab/reports/terminal.hpp>
+
+namespace kfstab::experiments {
+namespace {
+
+std::vector<Claim> select_claims(const std::string& expression) {
+  const Selection selects(expression, "claim");
+  std::vector<Claim> selected;
+  for (Claim& claim : all_claims())
+    if (selects(claim.id)) selected.push_back(std::move(claim));
+  if (selected.empty())
+    throw NothingSelected(fmt::format("no claim matches '{}'; `kfstab list claims` prints their names", expression));
+  return selected;
+}
+
+/// The values of --set; a name that no selected claim knows is refused.
+std::map<std::string, double> values_of(const SetArguments& set, const std::vector<Claim>& selected) {
+  std::set<std::string> unique;
+  for (const Claim& claim : selected)
+    for (const Parameter& parameter : claim.parameters) unique.insert(parameter.name);
+  const std::vector<std::string> known(unique.begin(), unique.end());
+
+  std::map<std::string, double> values;
+  const properties::Expressions evaluate({});
+  for (const auto& [name, text] : set) {
+    properties::Place place;
+    place.origin = "--set";
+    place.field = name;
+    if (!unique.contains(name))
+      throw properties::InputError(place, fmt::format("'{}'", name),
+                                   "a parameter of the selected claims; `kfstab list claims` prints them" +
+                                       properties::did_you_mean(name, known));
+    try {
+      values[name] = evaluate(text);
+    } catch (const properties::ExpressionError& error) {
+      throw properties::InputError(place, fmt::format("'{}' ({})", text, error.what()), "a number or an expression");
+    }
+  }
+  return values;
+}
+
+}  // namespace
+
+int claim_command(const ClaimArguments& arguments) {
+  const auto selected = select_claims(arguments.claims);
+  const auto set = values_of(arguments.set, selected);
+  Output output(arguments.out, arguments.claims.empty() ? "claim" : "claim-" + arguments.claims, arguments.json);
+
+  std::vector<ClaimResult> results;
+  {
+    Progress progress("claims", static_cast<std::int64_t>(selected.size()));
+    for (const Claim& claim : selected) {
+      ClaimResult result = run_claim(claim, set);
+      if (interrupted()) break;  // a claim that was cut short is not judged
+      results.push_back(std::move(result));
+      progress.advance();
+    }
+  }
+  output.write(claims_document(results), claims_json(results, set));
+
+  for (const ClaimResult& result : results) {
+    output.print(fmt::format("C{}  {}: {}\n", result.claim.number, result.claim.title, name(result.verdict())));
+    output.print(reports::render_text(reports::Checks{result.findings.checks}) + "\n");
+  }
+  output.print(fmt::format("Plots, data and the page: {}\n", (output.folder() / "index.html").string()));
+  const auto passed = std::ranges::count_if(
+      results, [](const ClaimResult& r) { return r.verdict() == reports::Verdict::confirmed; });
+  output.print(fmt::format("{} passed, {} failed\n", passed, static_cast<std::ptrdiff_t>(results.size()) - passed));
+  if (interrupted()) {
+    fmt::print(stderr, "kfstab: interrupted; the claims that were finished are written\n");
+    return Exit::interrupted;
+  }
+  return passed == static_cast<std::ptrdiff_t>(results.size()) ? Exit::ok : Exit::failed;
+}
+
+}  // namespace kfstab::experiments

@@ -1,0 +1,46 @@
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+/// The commands, one file each; main.cpp reads the command line. Each returns its exit code (docs/conventions.md) and
+/// throws for what main.cpp turns into one: properties::InputError and reports::FileError 2, NothingSelected 5.
+namespace kfstab::experiments {
+
+struct Exit {
+  static constexpr int ok = 0, failed = 1, usage = 2, fault = 3, foreign = 4, nothing = 5, interrupted = 130;
+};
+
+/// `--set name=value`, as written.
+using SetArguments = std::map<std::string, std::string>;
+
+struct RunArguments {
+  std::vector<std::string> systems;
+  std::string filters;
+  std::optional<std::int64_t> steps;
+  std::optional<std::uint64_t> seed;
+  int jobs = 0;  ///< 0: one a core
+  int digits = 30;
+  SetArguments set;
+  std::string out;
+  std::string json;
+};
+int run_command(const RunArguments& arguments);
+
+struct ClaimArguments {
+  std::string claims;
+  SetArguments set;
+  std::string out;
+  std::string json;
+};
+int claim_command(const ClaimArguments& arguments);
+
+int demo_command(const std::string& out);
+
+/// what: "systems", "filters" or "claims"; all of them if it is empty.
+int list_command(const std::string& what);
+
+}  // namespace kfstab::experiments

@@ -1,0 +1,69 @@
+#include <algorithm>
+
+#include <fmt/core.h>
+
+#include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/commands/commands.hpp>
+#include <kfstab/experiments/interruption.hpp>
+#include <kfstab/experiments/output.hpp>
+#include <kfstab/experiments/pages.hpp>
+#include <kfstab/experiments/progress.hpp>
+#include <kfstab/experiments/results.hpp>
+#include <kfstab/reports/plot.hpp>
+#include <kfstab/reports/terminal.hpp>
+
+namespace kfstab::experiments {
+namespace {
+
+/// The demo's four claims.
+constexpr int shown[] = {3, 4, 8, 11};
+
+/// One filter that diverges and one that holds, out of the figure of the divergence claim.
+reports::Figure two_filters(const ClaimResult& divergence) {
+  reports::Figure figure = divergence.findings.figures.front();
+  figure.title = "Two filters, one formula, no perturbation but rounding";
+  std::erase_if(figure.curves, [](const reports::Curve& c) { return c.id != "ckf-gain" && c.id != "srcf"; });
+  return figure;
+}
+
+}  // namespace
+
+int demo_command(const std::string& out) {
+  Output output(out, "demo", "");
+  std::vector<ClaimResult> results;
+  {
+    Progress progress("demo", std::ssize(shown));
+    for (const Claim& claim : all_claims()) {
+      if (!std::ranges::count(shown, claim.number)) continue;
+      ClaimResult result = run_claim(claim, {});
+      if (interrupted()) break;
+      results.push_back(std::move(result));
+      progress.advance();
+    }
+  }
+  output.write(claims_document(results), claims_json(results, {}));
+
+  const auto divergence = std::ranges::find(results, 4, [](const ClaimResult& r) { return r.claim.number; });
+  if (divergence != results.end()) {
+    const auto plot = reports::text_plot(two_filters(*divergence), 100, 28);
+    output.print(plot.text.empty() ? fmt::format("(no plot: {})\n", plot.warning) : plot.text);
+    output.print(
+        "\nckf-gain, P+ = A P A' - K Re K' + B Q B', and srcf, which holds a square root of P, are the same filter on paper.\n"
+        "In floating point the first rounding that makes P unsymmetric grows by |l1 l2| = 1.103 a step, the two largest\n"
+        "eigenvalue moduli of A multiplied, until no digit is left; srcf cannot lose symmetry and keeps every digit.\n\n");
+  }
+  output.print(reports::render_text(verdict_table(results)));
+  output.print(fmt::format("\nThe report, with every figure: {}\n", (output.folder() / "index.html").string()));
+  output.print(
+      "Next, a system of your own:    ./kfstab run mine.toml       (docs/systems.md; ./kfstab list systems for examples)\n"
+      "A filter of your own:          one header and one line in filters/ (CONTRIBUTING.md), then ./kfstab run and test\n");
+  if (interrupted()) {
+    fmt::print(stderr, "kfstab: interrupted; the claims that were finished are written\n");
+    return Exit::interrupted;
+  }
+  const bool confirmed = std::ranges::all_of(
+      results, [](const ClaimResult& r) { return r.verdict() == reports::Verdict::confirmed; });
+  return confirmed ? Exit::ok : Exit::failed;
+}
+
+}  // namespace kfstab::experiments

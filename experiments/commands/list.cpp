@@ -1,0 +1,80 @@
+#include <fmt/core.h>
+
+#include <kfstab/experiments/catalogue.hpp>
+#include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/commands/commands.hpp>
+#include <kfstab/filters/registry.hpp>
+#include <kfstab/reports/number.hpp>
+#include <kfstab/reports/terminal.hpp>
+
+namespace kfstab::experiments {
+namespace {
+
+std::string needs_of(const Needs& needs) {
+  std::string text;
+  const auto add = [&text](bool needed, const char* what) {
+    if (needed) text += (text.empty() ? "" : ", ") + std::string(what);
+  };
+  add(needs.invertible_A, "A invertible");
+  if (needs.positive_definite_Q && needs.positive_definite_R && needs.positive_definite_P0) {
+    add(true, "Q, R, P0 > 0");
+  } else {
+    add(needs.positive_definite_Q, "Q > 0");
+    add(needs.positive_definite_R, "R > 0");
+    add(needs.positive_definite_P0, "P0 > 0");
+  }
+  add(needs.time_invariant, "time-invariant");
+  return text;
+}
+
+void list_systems() {
+  reports::Table table{"Systems", {"name", "n", "m", "p", "steps", "parameters", "description", "source"}, {}, {}};
+  using enum reports::Alignment;
+  table.alignment = {left, right, right, right, right, left, left, left};
+  for (const CatalogueEntry& entry : catalogue()) {
+    const auto system = find_system(std::string(entry.name));
+    const auto d = system.dimensions();
+    std::string parameters;
+    for (const auto& [name, value] : system.parameters)
+      parameters += fmt::format("{}{}={}", parameters.empty() ? "" : " ", name, reports::short_number(value, 4));
+    table.rows.push_back({system.name, fmt::format("{}", d.n), fmt::format("{}", d.m), fmt::format("{}", d.p),
+                          fmt::format("{}", system.steps), parameters, system.description, system.source});
+  }
+  fmt::print("{}", reports::render_text(table));
+}
+
+void list_filters() {
+  reports::Table table{"Filters", {"id", "form", "holds", "update", "needs", "operations", "source"}, {}, {}};
+  for (const Metadata& f : filters()) {
+    const char* holds = f.holds == Held::covariance          ? "P"
+                        : f.holds == Held::covariance_factor ? "S, P = S S'"
+                                                             : "T, P^-1 = T'T";
+    table.rows.push_back({std::string(f.id), std::string(f.title), holds, std::string(f.update), needs_of(f.needs),
+                          std::string(f.operations), std::string(f.source)});
+  }
+  fmt::print("{}", reports::render_text(table));
+}
+
+void list_claims() {
+  reports::Table table{"Claims", {"", "id", "what is claimed", "parameters"}, {}, {}};
+  for (const Claim& claim : all_claims()) {
+    std::string parameters;
+    for (const Parameter& p : claim.parameters)
+      parameters += fmt::format("{}{}={}", parameters.empty() ? "" : " ", p.name, reports::short_number(p.value, 4));
+    table.rows.push_back({fmt::format("C{}", claim.number), claim.id, claim.title, parameters});
+  }
+  fmt::print("{}", reports::render_text(table));
+}
+
+}  // namespace
+
+int list_command(const std::string& what) {
+  if (what.empty() || what == "systems") list_systems();
+  if (what.empty()) fmt::print("\n");
+  if (what.empty() || what == "filters") list_filters();
+  if (what.empty()) fmt::print("\n");
+  if (what.empty() || what == "claims") list_claims();
+  return Exit::ok;
+}
+
+}  // namespace kfstab::experiments

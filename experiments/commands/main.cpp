@@ -1,0 +1,122 @@
+#include <exception>
+#include <string>
+
+#include <CLI/CLI.hpp>
+#include <fmt/core.h>
+
+#include <kfstab/experiments/commands/commands.hpp>
+#include <kfstab/experiments/interruption.hpp>
+#include <kfstab/experiments/selection.hpp>
+#include <kfstab/properties/input_error.hpp>
+#include <kfstab/reports/files.hpp>
+
+#include <kfstab_revision.hpp>
+
+namespace {
+
+using namespace kfstab::experiments;
+
+/// Splits the name=value of --set.
+SetArguments split(const std::vector<std::string>& words) {
+  SetArguments set;
+  for (const std::string& word : words) {
+    const auto equals = word.find('=');
+    if (equals == std::string::npos || equals == 0 || equals + 1 == word.size())
+      throw CLI::ValidationError("--set", fmt::format("found '{}', expected name=value", word));
+    if (!set.emplace(word.substr(0, equals), word.substr(equals + 1)).second)
+      throw CLI::ValidationError("--set", fmt::format("'{}' is set twice", word.substr(0, equals)));
+  }
+  return set;
+}
+
+int command_line(int argc, char** argv) {
+  CLI::App app{"kfstab, a laboratory for the numerical stability of Kalman filters"};
+  app.set_version_flag("--version", fmt::format("kfstab {} ({})", KFSTAB_VERSION, KFSTAB_REVISION));
+  app.require_subcommand(1);
+  app.failure_message([](const CLI::App* a, const CLI::Error& e) {
+    return fmt::format("kfstab: {}\nRun with --help for what is expected{}.\n", e.what(),
+                       a->get_subcommands().empty() ? "" : " of " + a->get_subcommands().front()->get_name());
+  });
+  app.footer(
+      "Exit codes: 0 all well; 1 a claim is refuted or inconclusive, a law failed; 2 usage or bad input; 3 a fault of kfstab;\n"
+      "5 nothing selected; 130 interrupted. Every flag has an environment twin: --filters is KFSTAB_FILTERS.");
+  int exit_code = Exit::ok;
+  std::vector<std::string> set;
+  const auto add_set = [&set](CLI::App* command, const std::string& text) {
+    command->add_option("--set", set, text)->envname("KFSTAB_SET")->type_name("NAME=VALUE")->take_all()->expected(1);
+  };
+
+  RunArguments run;
+  auto* run_app = app.add_subcommand("run", "Run filters through a system, beside a certified reference");
+  run_app->add_option("SYSTEM", run.systems, "a name that `list systems` prints, or a file (.toml, .json)")->required();
+  run_app->add_option("--filters", run.filters, "regular expression on filter ids; a leading - excludes")
+      ->envname("KFSTAB_FILTERS")->type_name("REGEX");
+  run_app->add_option("--steps", run.steps, "steps to run, instead of the system's own")
+      ->envname("KFSTAB_STEPS")->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 53).description(""));
+  run_app->add_option("--seed", run.seed, "seed of simulated data, instead of the system's own")->envname("KFSTAB_SEED");
+  run_app->add_option("--digits", run.digits, "digits the reference has to certify")
+      ->envname("KFSTAB_DIGITS")->check(CLI::Range(15, 1500).description(""))->capture_default_str();
+  run_app->add_option("--jobs", run.jobs, "systems at once; 0: one a core")
+      ->envname("KFSTAB_JOBS")->check(CLI::Range(0, 1024).description(""))->capture_default_str();
+  add_set(run_app, "value of one of the system's [parameters]");
+  run_app->add_option("--out", run.out, "folder for the results; else ./kfstab-out/run-SYSTEM")->envname("KFSTAB_OUT")->type_name("DIR");
+  run_app->add_option("--json", run.json, "the results as JSON into this file too; - for stdout, and nothing else there")
+      ->envname("KFSTAB_JSON")->type_name("FILE");
+  run_app->callback([&] {
+    run.set = split(set);
+    exit_code = run_command(run);
+  });
+
+  ClaimArguments claim;
+  auto* claim_app = app.add_subcommand("claim", "Measure claims of the literature, and judge them");
+  claim_app->add_option("REGEX", claim.claims, "regular expression on claim ids; a leading - excludes; else all");
+  add_set(claim_app, "value of a parameter of the selected claims");
+  claim_app->add_option("--out", claim.out, "folder for the results; else ./kfstab-out/claim-REGEX")->envname("KFSTAB_OUT")->type_name("DIR");
+  claim_app->add_option("--json", claim.json, "the results as JSON into this file too; - for stdout, and nothing else there")
+      ->envname("KFSTAB_JSON")->type_name("FILE");
+  claim_app->callback([&] {
+    claim.set = split(set);
+    exit_code = claim_command(claim);
+  });
+
+  std::string demo_out;
+  auto* demo_app = app.add_subcommand("demo", "See a filter diverge, and the claims confirmed, in a minute");
+  demo_app->add_option("--out", demo_out, "folder for the results; else ./kfstab-out/demo")->envname("KFSTAB_OUT")->type_name("DIR");
+  demo_app->callback([&] { exit_code = demo_command(demo_out); });
+
+  std::string what;
+  auto* list_app = app.add_subcommand("list", "List the systems, filters and claims that come with kfstab");
+  list_app->add_option("WHAT", what, "systems, filters or claims; else all")
+      ->check(CLI::IsMember({"systems", "filters", "claims"}));
+  list_app->callback([&] { exit_code = list_command(what); });
+
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    // CLI11 has codes of its own, 100 and more; ours say 2 for all of them.
+    return app.exit(error) == 0 ? Exit::ok : Exit::usage;
+  }
+  return exit_code;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  kfstab::reports::ignore_file_signals();
+  watch_for_interruption();
+  try {
+    return command_line(argc, argv);
+  } catch (const kfstab::properties::InputError& error) {
+    fmt::print(stderr, "kfstab: {}\n", error.what());
+    return Exit::usage;
+  } catch (const kfstab::reports::FileError& error) {
+    fmt::print(stderr, "kfstab: {}\n", error.what());
+    return Exit::usage;
+  } catch (const NothingSelected& error) {
+    fmt::print(stderr, "kfstab: {}\n", error.what());
+    return Exit::nothing;
+  } catch (const std::exception& error) {
+    fmt::print(stderr, "kfstab: a fault of kfstab itself: {}\n", error.what());
+    return Exit::fault;
+  }
+}

@@ -1,0 +1,67 @@
+#include <algorithm>
+#include <filesystem>
+#include <optional>
+
+#include <fmt/core.h>
+#include <oneapi/tbb/parallel_for.h>
+#include <oneapi/tbb/task_arena.h>
+
+#include <kfstab/experiments/catalogue.hpp>
+#include <kfstab/experiments/commands/commands.hpp>
+#include <kfstab/experiments/interruption.hpp>
+#include <kfstab/experiments/output.hpp>
+#include <kfstab/experiments/pages.hpp>
+#include <kfstab/experiments/progress.hpp>
+#include <kfstab/experiments/results.hpp>
+#include <kfstab/experiments/run.hpp>
+#include <kfstab/experiments/selection.hpp>
+#include <kfstab/reports/terminal.hpp>
+
+namespace kfstab::experiments {
+
+int run_command(const RunArguments& arguments) {
+  const auto selected = select_filters(arguments.filters);
+  std::vector<properties::System> systems;
+  std::int64_t steps = 0;
+  std::string subject;
+  for (const std::string& word : arguments.systems) {
+    systems.push_back(find_system(word, {arguments.set, arguments.steps, arguments.seed}));
+    steps += systems.back().steps;
+    if (!subject.empty()) subject += "+";
+    subject += systems.back().name;
+  }
+  Output output(arguments.out, "run-" + subject, arguments.json);
+
+  std::vector<SystemRun> results(systems.size());
+  {
+    Progress progress("run " + subject, steps);
+    const auto one = [&](std::size_t i) {
+      std::int64_t pending = 0;
+      results[i] = run(systems[i], selected, {arguments.digits, [&](std::int64_t units) {
+                         // The clock is asked at every step of slow runs, seldom in fast ones.
+                         if (++pending % 16 == 0) progress.advance(16 * units);
+                       }});
+    };
+    oneapi::tbb::task_arena arena(arguments.jobs == 0 ? oneapi::tbb::task_arena::automatic : arguments.jobs);
+    arena.execute([&] { oneapi::tbb::parallel_for(std::size_t{0}, systems.size(), one); });
+  }
+
+  output.write(run_document(results), run_json(results, arguments.seed));
+  bool failed = false;
+  for (const SystemRun& result : results) {
+    output.print(reports::render_text(run_table(result)) + "\n");
+    if (result.reference_error) {
+      fmt::print(stderr, "kfstab: {}: the reference has no answer at step {}: {}\n", result.name, result.steps_done,
+                 *result.reference_error);
+      failed = true;
+    }
+  }
+  output.print(fmt::format("Plots, data and the page: {}\n", (output.folder() / "index.html").string()));
+  if (std::ranges::any_of(results, &SystemRun::interrupted)) {
+    fmt::print(stderr, "kfstab: interrupted; the steps done are written\n");
+    return Exit::interrupted;
+  }
+  return failed ? Exit::usage : Exit::ok;
+}
+
+}  // namespace kfstab::experiments

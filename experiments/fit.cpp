@@ -1,0 +1,70 @@
+#include <kfstab/experiments/fit.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace kfstab::experiments {
+namespace {
+constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+}
+
+Line fit_line(const std::vector<double>& x, const std::vector<double>& y) {
+  Line line;
+  line.points = static_cast<int>(x.size());
+  if (x.size() < 2) return {nan, nan, line.points};
+  double mean_x = 0, mean_y = 0;
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    mean_x += x[i];
+    mean_y += y[i];
+  }
+  mean_x /= static_cast<double>(x.size());
+  mean_y /= static_cast<double>(x.size());
+  double xx = 0, xy = 0;
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    xx += (x[i] - mean_x) * (x[i] - mean_x);
+    xy += (x[i] - mean_x) * (y[i] - mean_y);
+  }
+  line.slope = xy / xx;
+  line.intercept = mean_y - line.slope * mean_x;
+  return line;
+}
+
+Line fit_power(const std::vector<double>& x, const std::vector<double>& y, double low, double high) {
+  std::vector<double> log_x, log_y;
+  for (std::size_t i = 0; i < x.size(); ++i)
+    if (y[i] > low && y[i] < high) {
+      log_x.push_back(std::log10(x[i]));
+      log_y.push_back(std::log10(y[i]));
+    }
+  return fit_line(log_x, log_y);
+}
+
+double median(std::vector<double> values) {
+  std::erase_if(values, [](double v) { return std::isnan(v); });
+  if (values.empty()) return nan;
+  std::ranges::sort(values);
+  const std::size_t middle = values.size() / 2;
+  if (values.size() % 2 == 1 || std::isinf(values[middle])) return values[middle];
+  return (values[middle - 1] + values[middle]) / 2;
+}
+
+Growth fit_growth(const std::vector<double>& y, double low, double high) {
+  std::size_t end = 0;
+  while (end < y.size() && y[end] <= high) ++end;
+  std::size_t begin = 0;
+  for (std::size_t i = 0; i < end; ++i)
+    if (!(y[i] >= low)) begin = i + 1;
+  begin += (end - begin) / 4;
+  Growth growth{nan, static_cast<int>(begin), static_cast<int>(end)};
+  if (end < begin + 8) return growth;
+  std::vector<double> steps, logs;
+  for (std::size_t i = begin; i < end; ++i) {
+    steps.push_back(static_cast<double>(i));
+    logs.push_back(std::log(y[i]));
+  }
+  growth.factor = std::exp(fit_line(steps, logs).slope);
+  return growth;
+}
+
+}  // namespace kfstab::experiments

@@ -1,0 +1,70 @@
+#include <kfstab/experiments/models.hpp>
+
+#include <cmath>
+#include <stdexcept>
+#include <variant>
+
+#include <Eigen/QR>
+#include <boost/random/normal_distribution.hpp>
+
+#include <kfstab/filters/registry.hpp>
+
+namespace kfstab::experiments {
+
+Matrix<double> rotation(double r, double t) {
+  Matrix<double> X(2, 2);
+  X << r * std::cos(t), -r * std::sin(t), r * std::sin(t), r * std::cos(t);
+  return X;
+}
+
+Matrix<double> round_to(const Matrix<double>& X, int bits) {
+  return X.unaryExpr([bits](double x) { return std::ldexp(std::round(std::ldexp(x, bits)), -bits); });
+}
+
+Matrix<double> random_normal(Random& random, Index rows, Index cols) {
+  boost::random::normal_distribution<double> normal;
+  Matrix<double> X(rows, cols);
+  for (Index i = 0; i < rows; ++i)
+    for (Index j = 0; j < cols; ++j) X(i, j) = normal(random);
+  return X;
+}
+
+Matrix<double> random_orthogonal(Random& random, Index n) {
+  // Q of a Gaussian matrix is Haar distributed once R has a positive diagonal.
+  const Eigen::HouseholderQR<Matrix<double>> qr(random_normal(random, n, n));
+  Matrix<double> Q = qr.householderQ();
+  for (Index j = 0; j < n; ++j)
+    if (qr.matrixQR()(j, j) < 0) Q.col(j) = -Q.col(j);
+  return Q;
+}
+
+properties::System system_of(std::string name, const Matrix<double>& A, const Matrix<double>& B,
+                             const Matrix<double>& C, const Matrix<double>& R_root, const Matrix<double>& S0,
+                             std::int64_t steps) {
+  using Written = properties::Covariance::Written;
+  properties::System system;
+  system.name = std::move(name);
+  system.A = A;
+  system.B = B;
+  system.C = C;
+  system.D = Matrix<double>(A.rows(), 0);
+  system.Q = {Written::root, Matrix<double>(Matrix<double>::Identity(B.cols(), B.cols()))};
+  system.R = {Written::root, R_root};
+  system.P0 = {Written::root, S0};
+  system.x0 = Vector<double>::Zero(A.rows());
+  system.steps = steps;
+  return system;
+}
+
+AnyProblem<double> problem_of(const properties::System& system, Parametrisation form) {
+  auto made = properties::problem(system, form);
+  if (const auto* refusal = std::get_if<properties::Refusal>(&made)) throw std::logic_error(refusal->reason);
+  return std::get<AnyProblem<double>>(std::move(made));
+}
+
+int color_of(std::string_view filter) {
+  const Metadata* metadata = find_filter(filter);
+  return metadata ? static_cast<int>(metadata - filters().data()) : -1;
+}
+
+}  // namespace kfstab::experiments

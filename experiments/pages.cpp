@@ -1,0 +1,199 @@
+#include <kfstab/experiments/pages.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <set>
+
+#include <fmt/core.h>
+
+#include <kfstab/experiments/context.hpp>
+#include <kfstab/experiments/models.hpp>
+#include <kfstab/reports/files.hpp>
+#include <kfstab/reports/html.hpp>
+#include <kfstab/reports/number.hpp>
+#include <kfstab/reports/plot.hpp>
+
+namespace kfstab::experiments {
+namespace {
+
+using reports::short_number;
+
+std::string seconds_text(double seconds) {
+  if (!std::isfinite(seconds)) return "";
+  return fmt::format("{:.2f}", seconds * 1e6);
+}
+
+/// Id-safe: letters, digits and '-'.
+std::string kebab(const std::string& name) {
+  std::string id;
+  for (const char c : name) id += std::isalnum(static_cast<unsigned char>(c)) ? static_cast<char>(std::tolower(c)) : '-';
+  return id;
+}
+
+reports::Figure run_figure(const SystemRun& run, const std::string& prefix, const std::string& id, std::string title,
+                           std::string caption, std::string y_label, bool log, Series FilterRun::*of) {
+  reports::Figure figure{prefix + "-" + id, std::move(title), std::move(caption), {"step k", false},
+                         {std::move(y_label), log}, {}};
+  for (const FilterRun& f : run.filters) {
+    if (f.refused || (f.*of).count() == 0) continue;
+    auto points = (f.*of).points();
+    const std::string name(f.metadata->id);
+    figure.curves.push_back(
+        {name, name, std::move(points.step), std::move(points.value), reports::CurveRole::measured_line, color_of(name)});
+  }
+  return figure;
+}
+
+/// The envelope of the figure: the widest bound that any of the filters has, step by step.
+void add_bound(reports::Figure& figure, const SystemRun& run) {
+  const FilterRun* widest = nullptr;
+  for (const FilterRun& f : run.filters)
+    if (!f.refused && f.bound.count() > 0 && (!widest || f.bound.last() > widest->bound.last())) widest = &f;
+  if (!widest) return;
+  auto points = widest->bound.points();
+  figure.curves.insert(figure.curves.begin(),
+                       {"bound", fmt::format("bound for {}", widest->metadata->id), std::move(points.step),
+                        std::move(points.value), reports::CurveRole::envelope, -1});
+}
+
+}  // namespace
+
+reports::Table run_table(const SystemRun& run) {
+  using enum reports::Alignment;
+  reports::Table table;
+  table.caption = fmt::format("{}: n = {}, m = {}, p = {}, {} steps, reference certified to {} digits", run.name,
+                              run.dimensions.n, run.dimensions.m, run.dimensions.p, run.steps_done, run.certified_digits);
+  table.header = {"filter", "P: end", "worst", "K: end", "worst", "x: end", "worst", "asymmetry", "min eig", "P < 0 at", "digits",
+                  "us/step"};
+  table.alignment = {left, right, right, right, right, right, right, right, right, right, right, right};
+  for (const FilterRun& f : run.filters) {
+    if (f.refused) {
+      table.rows.push_back({std::string(f.metadata->id), "refused: " + *f.refused});
+      continue;
+    }
+    const bool state = f.state_error.count() > 0;
+    const std::string failure = f.first_failure ? fmt::format("{} at {}", name(f.failure), *f.first_failure) : "";
+    if (f.covariance_error.count() == 0) {
+      table.rows.push_back({std::string(f.metadata->id), failure});
+      continue;
+    }
+    table.rows.push_back({std::string(f.metadata->id), short_number(f.covariance_error.last()),
+                          short_number(f.covariance_error.largest()), short_number(f.gain_error.last()),
+                          short_number(f.gain_error.largest()), state ? short_number(f.state_error.last()) : "-",
+                          state ? short_number(f.state_error.largest()) : "-", short_number(f.asymmetry.largest()),
+                          short_number(f.smallest_eigenvalue.smallest()),
+                          f.first_indefinite ? fmt::format("{}", *f.first_indefinite) : "never",
+                          fmt::format("{:.1f}", f.correct_digits), seconds_text(f.seconds_per_step)});
+  }
+  return table;
+}
+
+reports::Document run_document(const std::vector<SystemRun>& runs) {
+  reports::Document document;
+  document.title = runs.size() == 1 ? runs.front().name + ": filters compared" : "Filters compared";
+  document.subtitle = "Relative errors against a certified reference that started from the very numbers each filter was given";
+  document.context = context();
+  for (const SystemRun& run : runs) {
+    reports::Section section;
+    section.anchor = kebab(run.name);
+    section.title = run.name;
+    if (!run.description.empty()) section.blocks.push_back(reports::Paragraph{run.description});
+    if (!run.source.empty()) section.blocks.push_back(reports::Paragraph{"Source: " + run.source});
+    if (run.interrupted)
+      section.blocks.push_back(reports::Paragraph{
+          fmt::format("Interrupted after {} of {} steps: what follows is of the steps done.", run.steps_done, run.steps_asked)});
+    if (run.reference_error)
+      section.blocks.push_back(reports::Paragraph{fmt::format("The reference has no answer at step {}: {}.", run.steps_done, *run.reference_error)});
+    section.blocks.push_back(run_table(run));
+    bool breakdown = false;
+    std::string ends;
+    for (const FilterRun& f : run.filters)
+      if (f.first_failure) {
+        breakdown = true;
+        ends += fmt::format(" {} at step {} ({}).", f.metadata->id, *f.first_failure, name(f.failure));
+      }
+    if (breakdown) section.blocks.push_back(reports::Paragraph{"Broken down, and not stepped on:" + ends});
+    section.blocks.push_back(reports::Paragraph{
+        "P is the covariance that a filter holds (predicted; filtered for srif), K its gain, x its state: relative errors in the "
+        "Frobenius norm. Asymmetry is ||P - P'||/2 relative to P, min eig the smallest eigenvalue of its symmetric part over the "
+        "run, P < 0 the first step at which that was exactly not positive semidefinite, digits the correct ones of P at the end."});
+
+    const std::string prefix = kebab(run.name);
+    auto error = run_figure(run, prefix, "covariance-error", "Relative error of P",
+                            "How far is each filter's P from the true one? The grey region is the first-order bound of the form "
+                            "with the widest one: errors inside it are what theory excuses, outside it something else grows.",
+                            "relative error of P", true, &FilterRun::covariance_error);
+    add_bound(error, run);
+    section.blocks.push_back(std::move(error));
+    section.blocks.push_back(run_figure(run, prefix, "gain-error", "Relative error of the gain",
+                                        "How far is each filter's gain from the true one?", "relative error of K", true,
+                                        &FilterRun::gain_error));
+    section.blocks.push_back(run_figure(run, prefix, "asymmetry", "Asymmetry of P",
+                                        "Does P stay symmetric? Filters that compute one triangle or hold a factor have exactly 0.",
+                                        "||P - P'|| / 2, relative to ||P||", true, &FilterRun::asymmetry));
+    section.blocks.push_back(run_figure(run, prefix, "smallest-eigenvalue", "Smallest eigenvalue of P",
+                                        "Does P stay positive definite? A value on the floor is zero or negative: no covariance.",
+                                        "smallest eigenvalue of P", true, &FilterRun::smallest_eigenvalue));
+    document.sections.push_back(std::move(section));
+  }
+  return document;
+}
+
+reports::Table verdict_table(const std::vector<ClaimResult>& results) {
+  using enum reports::Alignment;
+  reports::Table table;
+  table.header = {"", "claim", "verdict", "checks held", "what was claimed"};
+  table.alignment = {right, left, left, right, left};
+  for (const ClaimResult& r : results) {
+    const auto held = std::ranges::count_if(r.findings.checks, &reports::Check::holds);
+    table.rows.push_back({fmt::format("C{}", r.claim.number), r.claim.id, std::string(name(r.verdict())),
+                          fmt::format("{} of {}", held, r.findings.checks.size()), r.claim.title});
+  }
+  return table;
+}
+
+reports::Document claims_document(const std::vector<ClaimResult>& results) {
+  reports::Document document;
+  document.title = "What the literature claims of Kalman filters in floating point, measured";
+  document.subtitle = "Each verdict is computed from the checks below it; each criterion was fixed before anything was measured";
+  document.context = context();
+  for (const ClaimResult& r : results) {
+    reports::Section section;
+    section.anchor = r.claim.id;
+    section.title = fmt::format("C{}  {}", r.claim.number, r.claim.title);
+    section.verdict = r.verdict();
+    section.blocks.push_back(reports::Paragraph{r.claim.statement});
+    section.blocks.push_back(reports::Paragraph{"Source: " + r.claim.source});
+    section.blocks.push_back(reports::Paragraph{"Setup: " + r.claim.setup});
+    section.blocks.push_back(reports::Paragraph{"Prediction: " + r.claim.prediction});
+    for (const auto& figure : r.findings.figures) section.blocks.push_back(figure);
+    section.blocks.push_back(reports::Checks{r.findings.checks});
+    section.blocks.push_back(reports::Paragraph{"What it means: " + r.claim.meaning});
+    std::string command = "kfstab claim '^" + r.claim.id + "$'";
+    for (const auto& [parameter, value] : r.settings.values())
+      command += fmt::format(" --set {}={}", parameter, reports::exact_number(value));
+    section.blocks.push_back(reports::Preformatted{command});
+    document.sections.push_back(std::move(section));
+  }
+  return document;
+}
+
+void write_results(const reports::Document& document, const std::string& json, const std::filesystem::path& path) {
+  const reports::Folder folder(path);
+  // First what cannot be made again, then what can be drawn from it.
+  folder.write("results.json", json);
+  std::set<std::string> warnings;
+  for (const auto& section : document.sections)
+    for (const auto& block : section.blocks)
+      if (const auto* figure = std::get_if<reports::Figure>(&block)) {
+        const auto result = reports::write_figure(*figure, folder);
+        if (!result.warning.empty()) warnings.insert(result.warning);
+      }
+  folder.write("index.html", reports::render_html(document, [&](const reports::Figure& figure) {
+                 return reports::read_svg(figure, folder);
+               }));
+  for (const auto& warning : warnings) fmt::print(stderr, "kfstab: warning: {}\n", warning);
+}
+
+}  // namespace kfstab::experiments

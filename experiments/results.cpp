@@ -1,0 +1,147 @@
+#include <kfstab/experiments/results.hpp>
+
+#include <cmath>
+
+#include <nlohmann/json.hpp>
+
+#include <kfstab/experiments/context.hpp>
+#include <kfstab/filters/step_report.hpp>
+#include <kfstab/reports/number.hpp>
+
+namespace kfstab::experiments {
+namespace {
+
+using json = nlohmann::ordered_json;
+
+/// A number under its name; null and its word where JSON has no number for it.
+void put(json& object, const std::string& key, double value) {
+  if (std::isfinite(value)) {
+    object[key] = value;
+  } else {
+    object[key] = nullptr;
+    object[key + "_word"] = reports::exact_number(value);
+  }
+}
+
+json context_json() {
+  json object = json::object();
+  for (const auto& [name, value] : context()) object[name] = value;
+  return object;
+}
+
+/// A curve's values; non-finite ones as words, since an array has no room beside.
+json values(const std::vector<double>& numbers) {
+  json array = json::array();
+  for (const double x : numbers) {
+    if (std::isfinite(x))
+      array.push_back(x);
+    else
+      array.push_back(reports::exact_number(x));
+  }
+  return array;
+}
+
+json series(const Series& s) {
+  const auto points = s.points();
+  return {{"step", values(points.step)}, {"value", values(points.value)}, {"count", s.count()}};
+}
+
+json filter_json(const FilterRun& f) {
+  json object{{"id", f.metadata->id}};
+  if (f.refused) {
+    object["refused"] = *f.refused;
+    return object;
+  }
+  json worst, last;
+  put(worst, "covariance_error", f.covariance_error.largest());
+  put(worst, "gain_error", f.gain_error.largest());
+  put(worst, "asymmetry", f.asymmetry.largest());
+  put(worst, "smallest_eigenvalue", f.smallest_eigenvalue.smallest());
+  put(last, "covariance_error", f.covariance_error.last());
+  put(last, "gain_error", f.gain_error.last());
+  put(last, "asymmetry", f.asymmetry.last());
+  put(last, "smallest_eigenvalue", f.smallest_eigenvalue.last());
+  put(last, "correct_digits", f.correct_digits);
+  if (f.state_error.count() > 0) {
+    put(worst, "state_error", f.state_error.largest());
+    put(last, "state_error", f.state_error.last());
+  }
+  object["instant"] = f.metadata->instant == Instant::predicted ? "predicted" : "filtered";
+  object["gain"] = f.metadata->gain == GainKind::predictor ? "predictor" : "filter";
+  object["worst"] = worst;
+  object["last"] = last;
+  object["first_indefinite"] = f.first_indefinite ? json(*f.first_indefinite) : json();
+  object["failure"] = f.first_failure ? json{{"step", *f.first_failure}, {"status", name(f.failure)}} : json();
+  put(object, "seconds_per_step", f.seconds_per_step);
+  object["curves"] = {{"covariance_error", series(f.covariance_error)},
+                      {"bound", series(f.bound)},
+                      {"gain_error", series(f.gain_error)},
+                      {"asymmetry", series(f.asymmetry)},
+                      {"smallest_eigenvalue", series(f.smallest_eigenvalue)}};
+  if (f.state_error.count() > 0) object["curves"]["state_error"] = series(f.state_error);
+  return object;
+}
+
+}  // namespace
+
+std::string run_json(const std::vector<SystemRun>& runs, std::optional<std::uint64_t> seed) {
+  json root{{"schema", "kfstab.run/1"}, {"context", context_json()}};
+  root["context"]["seed"] = seed ? json(*seed) : json();
+  root["systems"] = json::array();
+  for (const SystemRun& r : runs) {
+    json object{{"name", r.name}, {"description", r.description}, {"source", r.source}};
+    object["n"] = r.dimensions.n;
+    object["m"] = r.dimensions.m;
+    object["p"] = r.dimensions.p;
+    object["parameters"] = r.parameters;
+    object["steps"] = r.steps_done;
+    object["steps_asked"] = r.steps_asked;
+    object["interrupted"] = r.interrupted;
+    object["reference"] = {{"certified_digits", r.certified_digits}, {"working_digits", r.working_digits}};
+    if (r.reference_error) object["reference"]["error"] = *r.reference_error;
+    object["filters"] = json::array();
+    for (const FilterRun& f : r.filters) object["filters"].push_back(filter_json(f));
+    root["systems"].push_back(std::move(object));
+  }
+  return root.dump(1) + "\n";
+}
+
+std::string claims_json(const std::vector<ClaimResult>& results, const std::map<std::string, double>& parameters) {
+  json root{{"schema", "kfstab.claims/1"}, {"context", context_json()}};
+  root["parameters"] = parameters;
+  root["claims"] = json::array();
+  for (const ClaimResult& r : results) {
+    json object{{"id", r.claim.id},
+                {"number", r.claim.number},
+                {"title", r.claim.title},
+                {"statement", r.claim.statement},
+                {"source", r.claim.source},
+                {"setup", r.claim.setup},
+                {"prediction", r.claim.prediction},
+                {"verdict", name(r.verdict())},
+                {"seconds", r.seconds}};
+    object["parameters"] = r.settings.values();
+    object["checks"] = json::array();
+    for (const reports::Check& check : r.findings.checks) {
+      json entry{{"name", check.name}};
+      put(entry, "predicted", check.predicted);
+      put(entry, "measured", check.measured);
+      entry["criterion"] = check.criterion;
+      entry["holds"] = check.holds;
+      object["checks"].push_back(std::move(entry));
+    }
+    object["figures"] = json::array();
+    for (const reports::Figure& figure : r.findings.figures) {
+      json entry{{"id", figure.id}, {"title", figure.title}, {"caption", figure.caption}};
+      entry["files"] = {figure.id + ".svg", figure.id + ".png", figure.id + ".csv", figure.id + ".gp", figure.id + ".dat"};
+      entry["curves"] = json::array();
+      for (const reports::Curve& curve : figure.curves)
+        entry["curves"].push_back({{"id", curve.id}, {"label", curve.label}, {"x", values(curve.x)}, {"y", values(curve.y)}});
+      object["figures"].push_back(std::move(entry));
+    }
+    root["claims"].push_back(std::move(object));
+  }
+  return root.dump(1) + "\n";
+}
+
+}  // namespace kfstab::experiments

@@ -1,0 +1,22 @@
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/run.hpp>
+
+/// Results as JSON, for programs. docs/results.md describes both schemas. Numbers that are not finite are null, with the
+/// word ("nan", "inf", "-inf") beside them.
+namespace kfstab::experiments {
+
+/// Schema kfstab.run/1.
+std::string run_json(const std::vector<SystemRun>& runs, std::optional<std::uint64_t> seed);
+
+/// Schema kfstab.claims/1. parameters: what was set for all.
+std::string claims_json(const std::vector<ClaimResult>& results, const std::map<std::string, double>& parameters);
+
+}  // namespace kfstab::experiments

@@ -1,0 +1,182 @@
+#include <kfstab/experiments/run.hpp>
+
+#include <chrono>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <variant>
+
+#include <fmt/core.h>
+
+#include <kfstab/experiments/interruption.hpp>
+#include <kfstab/filters/registry.hpp>
+#include <kfstab/reference/bounds.hpp>
+#include <kfstab/reference/trajectory.hpp>
+
+namespace kfstab::experiments {
+namespace {
+
+using reference::Errors;
+using reference::FirstOrderBound;
+using reference::Trajectory;
+
+/// The numbers of one parametrisation, and the truth about them: shared by all filters that take it.
+struct Course {
+  std::variant<AnyProblem<double>, properties::Refusal> problem;
+  std::optional<Trajectory> truth;
+
+  const AnyProblem<double>* numbers() const { return std::get_if<AnyProblem<double>>(&problem); }
+};
+
+struct Runner {
+  FilterRun result;
+  Course* course = nullptr;
+  std::unique_ptr<AnyFilter<double>> filter;
+  std::optional<FirstOrderBound> bound;
+
+  bool running() const { return filter && !result.first_failure; }
+};
+
+/// The data of a run, one step at a time: what every filter is given.
+class Feed {
+ public:
+  explicit Feed(const std::shared_ptr<const Data>& data) : stream_(data ? data->open() : nullptr) {}
+  void next() {
+    if (stream_) current_ = &stream_->next();
+  }
+  const Vector<double>* y() const { return current_ ? &current_->y : nullptr; }
+  const Vector<double>* u() const { return current_ && current_->u.size() > 0 ? &current_->u : nullptr; }
+
+ private:
+  std::unique_ptr<DataStream> stream_;
+  const StepData* current_ = nullptr;
+};
+
+void measure(Runner& runner, std::int64_t k, const Vector<double>* y, const Vector<double>* u) {
+  FilterRun& r = runner.result;
+  const double bound = runner.bound->advance(runner.course->truth->truth());
+  if (!runner.running()) return;
+  const Step<double> step = runner.filter->step(k, y, u);
+  if (!step.report) {
+    r.first_failure = k;
+    r.failure = step.report.status;
+    return;
+  }
+  const Errors e = runner.course->truth->measure(*r.metadata, step);
+  r.covariance_error.add(k, e.covariance);
+  r.gain_error.add(k, e.gain);
+  if (y) r.state_error.add(k, e.state);
+  r.asymmetry.add(k, e.asymmetry);
+  r.smallest_eigenvalue.add(k, e.smallest_eigenvalue);
+  r.bound.add(k, bound);
+  r.correct_digits = e.correct_digits;
+  if (!e.positive_semidefinite && !r.first_indefinite) r.first_indefinite = k;
+}
+
+/// Times a filter alone, over at most a thousand steps, repeated until they took ten milliseconds.
+double time_step(const Metadata& metadata, const AnyProblem<double>& problem, const properties::System& system,
+                 std::int64_t steps) {
+  const std::int64_t length = std::min<std::int64_t>(steps, 1000);
+  std::vector<StepData> data;
+  Feed feed(system.data);
+  for (std::int64_t k = 0; k < length; ++k) {
+    feed.next();
+    if (feed.y()) data.push_back({*feed.y(), feed.u() ? *feed.u() : Vector<double>()});
+  }
+  const auto filter = make_filter<double>(metadata.id);
+  using clock = std::chrono::steady_clock;
+  double best = std::numeric_limits<double>::quiet_NaN();
+  clock::duration spent{};
+  for (int round = 0; round < 100 && spent < std::chrono::milliseconds(10); ++round) {
+    filter->start(problem);
+    std::int64_t done = 0;
+    const auto begin = clock::now();
+    for (; done < length; ++done) {
+      const StepData* d = data.empty() ? nullptr : &data[static_cast<std::size_t>(done)];
+      if (!filter->step(done, d ? &d->y : nullptr, d && d->u.size() > 0 ? &d->u : nullptr).report) break;
+    }
+    const auto took = clock::now() - begin;
+    spent += took;
+    if (done == 0) return best;
+    const double seconds = std::chrono::duration<double>(took).count() / static_cast<double>(done);
+    if (!(seconds >= best)) best = seconds;
+  }
+  return best;
+}
+
+}  // namespace
+
+SystemRun run(const properties::System& system, const std::vector<const Metadata*>& filters,
+              const RunOptions& options) {
+  SystemRun result;
+  result.name = system.name;
+  result.description = system.description;
+  result.source = system.source;
+  result.dimensions = system.dimensions();
+  result.parameters = system.parameters;
+  result.steps_asked = system.steps;
+
+  std::map<Parametrisation, Course> courses;
+  std::vector<Runner> runners;
+  for (const Metadata* metadata : filters) {
+    Runner& runner = runners.emplace_back();
+    runner.result.metadata = metadata;
+    if (const auto refusal = properties::refusal(*metadata, system)) {
+      runner.result.refused = refusal->reason;
+      continue;
+    }
+    auto found = courses.find(metadata->takes);
+    if (found == courses.end())
+      found = courses.emplace(metadata->takes, Course{properties::problem(system, metadata->takes), {}}).first;
+    runner.course = &found->second;
+    if (!runner.course->numbers()) {
+      runner.result.refused = std::get<properties::Refusal>(runner.course->problem).reason;
+      continue;
+    }
+    runner.filter = make_filter<double>(metadata->id);
+    runner.filter->start(*runner.course->numbers());
+    runner.bound.emplace(*metadata, result.dimensions);
+  }
+
+  try {
+    for (auto& [parametrisation, course] : courses)
+      if (course.numbers()) course.truth.emplace(*course.numbers(), system.data, options.digits);
+
+    Feed feed(system.data);
+    for (std::int64_t k = 0; k < system.steps; ++k) {
+      if (interrupted()) {
+        result.interrupted = true;
+        break;
+      }
+      for (auto& [parametrisation, course] : courses)
+        if (course.truth) course.truth->advance();
+      feed.next();
+      for (Runner& runner : runners)
+        if (runner.filter) measure(runner, k, feed.y(), feed.u());
+      result.steps_done = k + 1;
+      if (options.progress) options.progress(1);
+    }
+  } catch (const reference::ReferenceError& error) {
+    result.reference_error = error.what();
+  }
+
+  bool first = true;
+  for (auto& [parametrisation, course] : courses)
+    if (course.truth && course.truth->k() >= 0) {
+      const int certified = course.truth->certified_digits();
+      result.certified_digits = first ? certified : std::min(result.certified_digits, certified);
+      result.working_digits = std::max(result.working_digits, course.truth->working_digits());
+      first = false;
+    }
+  for (Runner& runner : runners) {
+    if (runner.filter && !result.interrupted)
+      runner.result.seconds_per_step =
+          time_step(*runner.result.metadata, *runner.course->numbers(), system, result.steps_done);
+    else
+      runner.result.seconds_per_step = std::numeric_limits<double>::quiet_NaN();
+    result.filters.push_back(std::move(runner.result));
+  }
+  return result;
+}
+
+}  // namespace kfstab::experiments

@@ -1,0 +1,65 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <kfstab/experiments/series.hpp>
+#include <kfstab/filters/metadata.hpp>
+#include <kfstab/filters/step_report.hpp>
+#include <kfstab/properties/system.hpp>
+
+/// Filters and the reference stepping side by side through a system, measured at once: no run is held whole.
+namespace kfstab::experiments {
+
+/// How one filter fared.
+struct FilterRun {
+  const Metadata* metadata = nullptr;
+  /// Why the filter was not run, in a sentence; then there is nothing else.
+  std::optional<std::string> refused;
+
+  // Over the steps k = 0, 1 ... (reference::Errors says what each is).
+  Series covariance_error;
+  Series gain_error;
+  Series state_error;  ///< empty in a run without data
+  Series asymmetry;
+  Series smallest_eigenvalue;
+  Series bound;  ///< of covariance_error, to first order
+
+  /// Of P at the last step.
+  double correct_digits = 0;
+  std::optional<std::int64_t> first_indefinite;  ///< first step at which P was not positive semidefinite
+  std::optional<std::int64_t> first_failure;     ///< step that the filter could not do; it was not stepped on
+  Status failure = Status::ok;
+  /// Of a step alone, in a loop without reference or measurements of error; NaN if it fails at once.
+  double seconds_per_step = 0;
+};
+
+struct SystemRun {
+  std::string name, description, source;
+  Dimensions dimensions;
+  std::map<std::string, double> parameters;
+  std::int64_t steps_asked = 0;
+  std::int64_t steps_done = 0;
+  bool interrupted = false;
+  /// The reference has no answer from some step on, and why.
+  std::optional<std::string> reference_error;
+  int certified_digits = 0;  ///< least over steps, quantities and trajectories
+  int working_digits = 0;
+  std::vector<FilterRun> filters;
+};
+
+struct RunOptions {
+  int digits = 30;  ///< to be certified
+  /// Called after so many more steps.
+  std::function<void(std::int64_t)> progress;
+};
+
+/// Runs the filters (metadata of the registry) on the system. Stops early when interrupted() or when the reference has
+/// no answer, and keeps what is done.
+SystemRun run(const properties::System& system, const std::vector<const Metadata*>& filters, const RunOptions& options);
+
+}  // namespace kfstab::experiments

@@ -1,0 +1,46 @@
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+namespace kfstab::experiments {
+
+/// A quantity over the steps of a run, in bounded memory: beyond `capacity` points it keeps the first, the last and the
+/// extremes of equal stretches of steps, so nothing that a plot could show is lost.
+class Series {
+ public:
+  static constexpr std::size_t capacity = 10000;
+
+  void add(std::int64_t step, double value);
+
+  struct Points {
+    std::vector<double> step;
+    std::vector<double> value;
+  };
+  /// In the order of steps.
+  Points points() const;
+
+  std::int64_t count() const { return count_; }
+  /// The last value, the largest and the smallest; NaN counts in none of the two but for a series of nothing else.
+  double last() const { return last_.value; }
+  double largest() const { return largest_; }
+  double smallest() const { return smallest_; }
+
+ private:
+  struct Point {
+    std::int64_t step;
+    double value;
+  };
+  struct Stretch {
+    Point low, high;
+  };
+  static void widen(Stretch& stretch, Point point);
+
+  std::vector<Stretch> stretches_;
+  std::int64_t width_ = 1;  ///< steps in a stretch
+  std::int64_t count_ = 0;
+  Point first_{}, last_{};
+  double largest_, smallest_;
+};
+
+}  // namespace kfstab::experiments
