@@ -1,0 +1,97 @@
+#include <kfstab/properties/law.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+#include <kfstab/filters/registry.hpp>
+
+namespace kfstab::properties {
+
+namespace {
+
+Precise lower(const Matrix<double>& L) { return Matrix<double>(L.triangularView<Eigen::Lower>()); }
+Precise upper(const Matrix<double>& U) { return Matrix<double>(U.triangularView<Eigen::Upper>()); }
+Precise square(const Precise& L) { return L * L.transposed(); }
+
+Precise innovation(const Precise& R, const Precise& C, const Precise& P) { return R + C * P * C.transposed(); }
+
+ObservedStep observe(const Metadata& filter, const Problem<CovarianceModel<double>>& problem, std::int64_t k,
+                     const Matrix<double>& before, const Step<double>& step) {
+  const auto& model = problem.model(k);
+  const Precise P(before), R(model.R), C(model.C);
+  CovarianceStep seen{model.A, model.B, C, model.Q, R, P, *step.held, *step.gain, innovation(R, C, P)};
+  return {filter, model.dimensions(), k, std::move(seen), std::nullopt};
+}
+
+ObservedStep observe(const Metadata& filter, const Problem<RootModel<double>>& problem, std::int64_t k,
+                     const Matrix<double>& before, const Step<double>& step) {
+  const auto& model = problem.model(k);
+  // A filter may take roots and hold a covariance.
+  const bool factor = filter.holds == Held::covariance_factor;
+  const Precise P = factor ? square(lower(before)) : k == 0 ? square(lower(before)) : Precise(before);
+  const Precise P_plus = factor ? square(lower(*step.held)) : Precise(*step.held);
+  const Precise R = square(lower(model.R_root)), C(model.C);
+  CovarianceStep seen{model.A, model.B, C, square(lower(model.Q_root)), R, P, P_plus, *step.gain, innovation(R, C, P)};
+  return {filter, model.dimensions(), k, std::move(seen), std::nullopt};
+}
+
+ObservedStep observe(const Metadata& filter, const Problem<InformationModel<double>>& problem, std::int64_t k,
+                     const Matrix<double>& before, const Step<double>& step) {
+  const auto& dynamics = problem.model(std::max<std::int64_t>(k - 1, 0));
+  const auto& model = problem.model(k);
+  InformationStep seen{dynamics.A_inverse,          dynamics.A_inverse_B,         model.C,
+                       upper(dynamics.Q_inverse_root), upper(model.R_inverse_root), upper(before),
+                       upper(*step.held),           *step.gain};
+  return {filter, model.dimensions(), k, std::nullopt, std::move(seen)};
+}
+
+void judge(LawReport& report, const ObservedStep& step) {
+  for (LawResult& result : report.results) {
+    const auto ratio = result.law.ratio(step);
+    if (!ratio) continue;
+    ++result.steps;
+    const double value = std::isnan(*ratio) ? std::numeric_limits<double>::infinity() : *ratio;
+    if (value > result.worst || result.worst_step < 0) {
+      result.worst = value;
+      result.worst_step = step.k;
+    }
+  }
+}
+
+}  // namespace
+
+bool LawReport::all_hold() const {
+  return std::ranges::all_of(results, [](const LawResult& result) { return result.holds(); });
+}
+
+LawReport check_laws(AnyFilter<double>& filter, const AnyProblem<double>& problem, std::int64_t steps) {
+  LawReport report;
+  for (const Law& law : all_laws()) report.results.push_back({law});
+  filter.start(problem);
+  Matrix<double> before = std::visit([](const auto& any) { return any.initial; }, problem);
+  for (; report.steps < steps; ++report.steps) {
+    const Step<double> step = filter.step(report.steps, nullptr, nullptr);
+    report.status = step.report.status;
+    if (!step.report) break;
+    judge(report, std::visit([&](const auto& any) { return observe(filter.metadata(), any, report.steps, before, step); }, problem));
+    before = *step.held;
+  }
+  return report;
+}
+
+LawReport check_laws(std::string_view filter_id, const System& system) {
+  const Metadata* metadata = find_filter(filter_id);
+  if (!metadata) throw std::invalid_argument("no filter " + std::string(filter_id));
+  LawReport none;
+  for (const Law& law : all_laws()) none.results.push_back({law});
+  if (refusal(*metadata, system)) return none;
+  const auto converted = problem(system, metadata->takes);
+  const auto* any = std::get_if<AnyProblem<double>>(&converted);
+  return any ? check_laws(*make_filter<double>(filter_id), *any, system.steps) : none;
+}
+
+}  // namespace kfstab::properties

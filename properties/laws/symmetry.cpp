@@ -1,0 +1,61 @@
+#include <kfstab/properties/law.hpp>
+
+#include <cmath>
+
+namespace kfstab::properties::laws {
+
+namespace {
+
+/// What one step makes of the asymmetry D = P - P', to first order: theory 3. Re is taken as computed, unsymmetric.
+Precise propagated(Asymmetry coding, const CovarianceStep& s, const Precise& D) {
+  const Precise A_D = s.A * D * s.A.transposed();
+  const Precise KC = s.gain * s.C;
+  const Precise F = s.A - KC;
+  const auto through = [&D](const Precise& X) { return X * D * X.transposed(); };
+  switch (coding) {
+    case Asymmetry::textbook: return through(F);
+    case Asymmetry::mixed: return A_D + A_D - through(F);
+    case Asymmetry::gain: return A_D - through(KC);
+    case Asymmetry::cp:
+    case Asymmetry::downdate: return A_D + through(KC);
+    case Asymmetry::none: break;
+  }
+  return D - D;
+}
+
+std::optional<double> ratio(const ObservedStep& step) {
+  // P = SS' and P^{-1} = T'T are symmetric whatever S and T are.
+  if (!step.covariance || step.filter.holds != Held::covariance || step.size.n == 0) return std::nullopt;
+  const CovarianceStep& s = *step.covariance;
+  const Precise D_plus = s.P_plus - s.P_plus.transposed();
+  if (step.filter.asymmetry == Asymmetry::none) {
+    const double scale = s.P_plus.norm();
+    return scale == 0 ? 0 : D_plus.norm() / (step.rounding() * scale);
+  }
+  const Precise D = s.P - s.P.transposed();
+  const double kappa = s.Re.condition(), A = s.A.norm(), P = s.P.norm(), B = s.B.norm();
+  // Beyond this D^2 counts, and the map is no longer what happens.
+  if (!(D.norm() * kappa <= std::ldexp(P, -30))) return std::nullopt;
+  // An error of the gain, u kappa K, enters P+ unsymmetrically by K C P A'.
+  const double scale = A * A * P + B * B * s.Q.norm() + s.gain.norm() * s.C.norm() * P * A;
+  const double error = (D_plus - propagated(step.filter.asymmetry, s, D)).norm();
+  return error == 0 ? 0 : error / (step.rounding() * kappa * scale);
+}
+
+}  // namespace
+
+Law symmetry() {
+  return {
+      .id = "symmetry",
+      .statement = "P+ = P+'; where a coding lets P lose its symmetry: P+ - P+' is what the coding makes of P - P', by its "
+                   "formula (i) to (v), and no more than rounding besides",
+      .assumptions = "filters that hold P; of the unsymmetrised ones, steps with |P - P'| k(Re) <= 2^-30 |P|, where the formulas, "
+                     "of first order, hold",
+      .source = "theory 3, after Verhaegen and Van Dooren 1986",
+      .tolerance = "30 u (n+m+p) |P+|; unsymmetrised: 30 u (n+m+p) k(Re) (|A|^2 |P| + |B|^2 |Q| + |K| |C| |P| |A|)",
+      .failure = "One half of P+ was computed in another way than the other, or a triangle was not copied. Of an unsymmetrised "
+                 "coding: it is not the coding that its metadata name.",
+      .ratio = ratio};
+}
+
+}  // namespace kfstab::properties::laws
