@@ -10,7 +10,7 @@ using namespace kfstab::reports;
 
 namespace {
 
-constexpr Axis linear_axis{};
+const Axis linear_axis{};
 const Axis log_axis{.label = "", .log = true};
 constexpr double gap = std::numeric_limits<double>::quiet_NaN();
 constexpr double infinity = std::numeric_limits<double>::infinity();

@@ -16,6 +16,7 @@ TEST(DisplayWidth, CountsColumnsNotBytes) {
 TEST(DisplayWidth, TakesWhatIsNoUtf8ByteByByte) {
   EXPECT_EQ(display_width("\xff\xfe"), 2u);
   EXPECT_EQ(display_width("a\xc3"), 2u);          // cut off
+  EXPECT_EQ(display_width("\xc0\xaf"), 2u);       // overlong
   EXPECT_EQ(display_width("\xe2\x28\xa1"), 3u);   // broken inside
 }
 
