@@ -52,20 +52,30 @@ Matrix<double> asymmetry_map(Asymmetry form, bool one_triangle_of_Re, const Matr
   const Matrix<double> open = congruence(A, D);
   const Matrix<double> closed = congruence(F, D);
   const Matrix<double> measured = congruence(KC, D);
+  Matrix<double> image = Matrix<double>::Zero(D.rows(), D.cols());
   switch (form) {
     case Asymmetry::none:
       break;
     case Asymmetry::textbook:
-      return one_triangle_of_Re ? Matrix<double>(closed - measured) : closed;
+      image = closed;
+      if (one_triangle_of_Re) image -= measured;
+      break;
     case Asymmetry::mixed:
-      return one_triangle_of_Re ? Matrix<double>(2 * open - closed + measured) : Matrix<double>(2 * open - closed);
+      image = 2 * open - closed;
+      if (one_triangle_of_Re) image += measured;
+      break;
     case Asymmetry::gain:
-      return one_triangle_of_Re ? open : Matrix<double>(open - measured);
+      image = open;
+      if (!one_triangle_of_Re) image -= measured;
+      break;
     case Asymmetry::cp:
     case Asymmetry::downdate:
-      return one_triangle_of_Re ? open : Matrix<double>(open + measured);
+      image = open;
+      if (!one_triangle_of_Re) image += measured;
+      break;
   }
-  return Matrix<double>::Zero(D.rows(), D.cols());
+  // Rounding leaves a symmetric part, which the map may let grow faster than any antisymmetric one.
+  return (image - image.transpose()) / 2;
 }
 
 double asymmetry_growth(Asymmetry form, bool one_triangle_of_Re, const Matrix<double>& A, const Matrix<double>& KC,

@@ -44,7 +44,7 @@ class FirstOrderBound {
 ///     downdate   A D A' + KC D (KC)'           A D A'
 ///     none       0                             0
 ///
-/// All n x n; KC is the product K C, F = A - KC, D antisymmetric.
+/// All n x n; KC is the product K C, F = A - KC, D antisymmetric, and so is the result, exactly.
 Matrix<double> asymmetry_map(Asymmetry form, bool one_triangle_of_Re, const Matrix<double>& A, const Matrix<double>& KC,
                              const Matrix<double>& F, const Matrix<double>& D);
 
