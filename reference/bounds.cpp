@@ -15,11 +15,10 @@ Matrix<double> congruence(const Matrix<double>& X, const Matrix<double>& Y) {
   return XY.lazyProduct(X.transpose());
 }
 
-} // namespace
+}  // namespace
 
 FirstOrderBound::FirstOrderBound(const Metadata& metadata, Dimensions dimensions)
-    : held_(metadata.holds),
-      instant_(metadata.instant),
+    : held_(metadata.holds), instant_(metadata.instant),
       constant_(unit_roundoff<double>() * static_cast<double>(dimensions.n + dimensions.m + dimensions.p)),
       W_(Matrix<double>::Zero(dimensions.n, dimensions.n)) {}
 
@@ -54,8 +53,7 @@ Matrix<double> asymmetry_map(Asymmetry form, bool one_triangle_of_Re, const Matr
   const Matrix<double> measured = congruence(KC, D);
   Matrix<double> image = Matrix<double>::Zero(D.rows(), D.cols());
   switch (form) {
-    case Asymmetry::none:
-      break;
+    case Asymmetry::none: break;
     case Asymmetry::textbook:
       image = closed;
       if (one_triangle_of_Re) image -= measured;
@@ -98,4 +96,4 @@ double asymmetry_growth(Asymmetry form, bool one_triangle_of_Re, const Matrix<do
   return spectral_radius(map);
 }
 
-} // namespace kfstab::reference
+}  // namespace kfstab::reference

@@ -53,4 +53,4 @@ Matrix<double> asymmetry_map(Asymmetry form, bool one_triangle_of_Re, const Matr
 double asymmetry_growth(Asymmetry form, bool one_triangle_of_Re, const Matrix<double>& A, const Matrix<double>& KC,
                         const Matrix<double>& F);
 
-} // namespace kfstab::reference
+}  // namespace kfstab::reference

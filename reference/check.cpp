@@ -8,9 +8,7 @@
 namespace kfstab::reference::detail {
 namespace {
 
-std::string shape(Index rows, Index cols) {
-  return std::to_string(rows) + " x " + std::to_string(cols);
-}
+std::string shape(Index rows, Index cols) { return std::to_string(rows) + " x " + std::to_string(cols); }
 
 template <class Derived>
 void finite(const Eigen::MatrixBase<Derived>& X, const std::string& name) {
@@ -80,17 +78,11 @@ void noise(const InformationModel<double>& model, Dimensions d, const std::strin
   if (is_singular(model.A_inverse)) throw ReferenceError("A^{-1}" + at + " is singular");
 }
 
-void start(const Problem<CovarianceModel<double>>& problem, Index n) {
-  symmetric(problem.initial, n, "P0");
-}
-void start(const Problem<RootModel<double>>& problem, Index n) {
-  lower(problem.initial, n, "S0");
-}
-void start(const Problem<InformationModel<double>>& problem, Index n) {
-  nonsingular_upper(problem.initial, n, "T0");
-}
+void start(const Problem<CovarianceModel<double>>& problem, Index n) { symmetric(problem.initial, n, "P0"); }
+void start(const Problem<RootModel<double>>& problem, Index n) { lower(problem.initial, n, "S0"); }
+void start(const Problem<InformationModel<double>>& problem, Index n) { nonsingular_upper(problem.initial, n, "T0"); }
 
-} // namespace
+}  // namespace
 
 void check(const AnyProblem<double>& any, bool with_data) {
   std::visit(
@@ -126,4 +118,4 @@ void check(const StepData& data, const AnyProblem<double>& any, std::int64_t k) 
       any);
 }
 
-} // namespace kfstab::reference::detail
+}  // namespace kfstab::reference::detail

@@ -35,7 +35,7 @@ Integer scaled_integer(double x, int shift) {
   if (bits >= 0)
     result <<= static_cast<unsigned>(bits);
   else
-    result >>= static_cast<unsigned>(-bits); // exact: the bits that go are 0
+    result >>= static_cast<unsigned>(-bits);  // exact: the bits that go are 0
   return result;
 }
 
@@ -168,9 +168,7 @@ bool surely_positive_definite(const Matrix<double>& X) {
   return true;
 }
 
-Matrix<double> symmetric_part(const Matrix<double>& X) {
-  return X / 2 + X.transpose() / 2;
-}
+Matrix<double> symmetric_part(const Matrix<double>& X) { return X / 2 + X.transpose() / 2; }
 
 /// Scaled so that the largest entry is about 1; the exponent taken out comes back. No overflow on the way to norms.
 int scale_to_one(Matrix<double>& X) {
@@ -374,7 +372,7 @@ double smallest_squared_singular_value(const Matrix<double>& S) {
   return round_to_double(Number(1 / Number(norm * norm)));
 }
 
-} // namespace
+}  // namespace
 
 Signature signature(const Matrix<double>& X) {
   require_square(X, "signature");
@@ -478,4 +476,4 @@ double two_norm(const Matrix<double>& X) {
   return std::ldexp(std::sqrt(std::max(0.0, Spectrum(std::move(gram)).values.maxCoeff())), exponent);
 }
 
-} // namespace kfstab::reference
+}  // namespace kfstab::reference

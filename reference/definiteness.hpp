@@ -43,4 +43,4 @@ bool is_singular(const Matrix<double>& X);
 /// ||X||_2, the largest singular value, right to nearly all digits. No overflow on the way.
 double two_norm(const Matrix<double>& X);
 
-} // namespace kfstab::reference
+}  // namespace kfstab::reference

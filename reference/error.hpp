@@ -12,4 +12,4 @@ class ReferenceError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-} // namespace kfstab::reference
+}  // namespace kfstab::reference

@@ -40,4 +40,4 @@ Matrix<Number, Rows, Cols> exact(const Matrix<double, Rows, Cols>& X) {
   return Y;
 }
 
-} // namespace kfstab::reference
+}  // namespace kfstab::reference

@@ -39,7 +39,7 @@ double by_squaring(Matrix<T> X) {
   return std::exp(log_radius);
 }
 
-} // namespace
+}  // namespace
 
 double spectral_radius(const Matrix<double>& X) {
   if (X.rows() != X.cols()) throw ReferenceError("spectral radius of a matrix that is not square");
@@ -48,4 +48,4 @@ double spectral_radius(const Matrix<double>& X) {
   return X.rows() <= 32 ? by_squaring(exact<Real<50>>(X)) : by_squaring(X);
 }
 
-} // namespace kfstab::reference
+}  // namespace kfstab::reference

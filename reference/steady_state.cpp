@@ -82,7 +82,7 @@ Solution<T> double_up(const AnyProblem<double>& problem, int digits) {
   return s;
 }
 
-} // namespace
+}  // namespace
 
 SteadyState steady_state(const AnyProblem<double>& problem) {
   detail::check(problem, false);
@@ -110,4 +110,4 @@ SteadyState steady_state(const AnyProblem<double>& problem) {
   return s;
 }
 
-} // namespace kfstab::reference
+}  // namespace kfstab::reference

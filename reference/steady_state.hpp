@@ -11,12 +11,12 @@ namespace kfstab::reference {
 ///
 /// each entry computed in high precision and rounded once.
 struct SteadyState {
-  Matrix<double> P;              ///< P_{k+1|k} as k grows
-  Matrix<double> predictor_gain; ///< K = A P C' Re^{-1}
-  Matrix<double> closed_loop;    ///< F = A - K C
-  double spectral_radius = 0;    ///< rho(F) < 1: symmetric errors are forgotten by rho(F)^2 a step
-  double residual = 0;           ///< of the equation, relative to ||P||_F, before rounding
-  int certified_digits = 0;      ///< of P: agreement of two precisions
+  Matrix<double> P;               ///< P_{k+1|k} as k grows
+  Matrix<double> predictor_gain;  ///< K = A P C' Re^{-1}
+  Matrix<double> closed_loop;     ///< F = A - K C
+  double spectral_radius = 0;     ///< rho(F) < 1: symmetric errors are forgotten by rho(F)^2 a step
+  double residual = 0;            ///< of the equation, relative to ||P||_F, before rounding
+  int certified_digits = 0;       ///< of P: agreement of two precisions
 };
 
 /// By structure-preserving doubling: 2^j steps of the recursion at the cost of one, so the steps needed are as the
@@ -29,4 +29,4 @@ SteadyState steady_state(const AnyProblem<double>& problem);
 /// N = 2^60, in high precision up to n = 32: the spectral radius of the very doubles of X. In double beyond.
 double spectral_radius(const Matrix<double>& X);
 
-} // namespace kfstab::reference
+}  // namespace kfstab::reference

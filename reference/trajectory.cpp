@@ -11,9 +11,9 @@
 namespace kfstab::reference {
 namespace {
 
-constexpr int most_digits = 750; // what the highest lower rung can be asked for, with some left to lose
+constexpr int most_digits = 750;  // what the highest lower rung can be asked for, with some left to lose
 
-} // namespace
+}  // namespace
 
 namespace detail {
 
@@ -21,7 +21,7 @@ std::unique_ptr<Lockstep> make_lockstep(int pair, const AnyProblem<double>& prob
   return pair < 3 ? make_low_lockstep(pair, problem, with_data) : make_high_lockstep(pair, problem, with_data);
 }
 
-} // namespace detail
+}  // namespace detail
 
 struct Trajectory::Implementation {
   const AnyProblem<double>* problem;
@@ -89,18 +89,10 @@ void Trajectory::advance() {
   ++self.k;
 }
 
-std::int64_t Trajectory::k() const {
-  return implementation_->k;
-}
-const Truth& Trajectory::truth() const {
-  return implementation_->truth;
-}
-int Trajectory::certified_digits() const {
-  return implementation_->lockstep->certified_digits();
-}
-int Trajectory::working_digits() const {
-  return implementation_->lockstep->higher_digits();
-}
+std::int64_t Trajectory::k() const { return implementation_->k; }
+const Truth& Trajectory::truth() const { return implementation_->truth; }
+int Trajectory::certified_digits() const { return implementation_->lockstep->certified_digits(); }
+int Trajectory::working_digits() const { return implementation_->lockstep->higher_digits(); }
 
 std::vector<Matrix<double>> Trajectory::expansion(Quantity quantity, int terms) const {
   return implementation_->lockstep->expansion(quantity, terms);
@@ -110,4 +102,4 @@ Errors Trajectory::measure(const Metadata& metadata, const Step<double>& step) c
   return implementation_->lockstep->measure(metadata, step);
 }
 
-} // namespace kfstab::reference
+}  // namespace kfstab::reference

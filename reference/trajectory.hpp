@@ -23,15 +23,15 @@ namespace kfstab::reference {
 
 /// What was true at step k, each entry rounded once to double.
 struct Truth {
-  Matrix<double> P_predicted; ///< P_{k|k-1}
-  Matrix<double> P_filtered;  ///< P_{k|k}
-  Matrix<double> P_next;      ///< P_{k+1|k}
-  Matrix<double> information; ///< P_{k|k}^{-1}; empty unless the problem is an information problem
+  Matrix<double> P_predicted;  ///< P_{k|k-1}
+  Matrix<double> P_filtered;   ///< P_{k|k}
+  Matrix<double> P_next;       ///< P_{k+1|k}
+  Matrix<double> information;  ///< P_{k|k}^{-1}; empty unless the problem is an information problem
 
-  Matrix<double> innovation;     ///< Re = R + C P C', p x p
-  Matrix<double> predictor_gain; ///< K = A P C' Re^{-1}, n x p
-  Matrix<double> filter_gain;    ///< Kf = P C' Re^{-1}, n x p
-  Matrix<double> closed_loop;    ///< F = A - K C: carries an error of P_{k|k-1} to P_{k+1|k}
+  Matrix<double> innovation;      ///< Re = R + C P C', p x p
+  Matrix<double> predictor_gain;  ///< K = A P C' Re^{-1}, n x p
+  Matrix<double> filter_gain;     ///< Kf = P C' Re^{-1}, n x p
+  Matrix<double> closed_loop;     ///< F = A - K C: carries an error of P_{k|k-1} to P_{k+1|k}
   /// (I - Kf C_k) A_{k-1}: carries an error of P_{k-1|k-1} to P_{k|k}. At k = 0 there is no A_{k-1}: I - Kf C.
   Matrix<double> filtered_closed_loop;
 
@@ -55,17 +55,17 @@ struct Truth {
 /// time once k(S) > 1e8). Relative to a truth of exactly zero, an error is 0 or infinite. What the filter does not
 /// have, or holds with a NaN or an infinity in it, has error NaN.
 struct Errors {
-  double covariance;  ///< ||P^ - P||_F / ||P||_F, P predicted or filtered as metadata.instant says
-  double information; ///< ||T'T - P^{-1}||_F / ||P^{-1}||_F of one that holds T, else NaN
-  double gain;        ///< ||K^ - K||_F / ||K||_F, of the gain that the filter computes: metadata.gain
-  double state;       ///< ||x^ - x|| / ||x||; NaN in a run without data
+  double covariance;   ///< ||P^ - P||_F / ||P||_F, P predicted or filtered as metadata.instant says
+  double information;  ///< ||T'T - P^{-1}||_F / ||P^{-1}||_F of one that holds T, else NaN
+  double gain;         ///< ||K^ - K||_F / ||K||_F, of the gain that the filter computes: metadata.gain
+  double state;        ///< ||x^ - x|| / ||x||; NaN in a run without data
   /// max |p^_ij - p_ij| / sqrt(p_ii p_jj), free of the units of the state. States whose true variance is zero, or not
   /// certified (Trajectory::certified_digits is about norms), are left out.
   double entrywise;
-  double asymmetry;           ///< ||P^ - P^'||_F / (2 ||P||_F); 0 for a factor
-  double smallest_eigenvalue; ///< of the symmetric part of P^, with several digits right even when far below u ||P||
-  bool positive_semidefinite; ///< of the symmetric part of P^, decided exactly; always so for finite factors
-  double correct_digits;      ///< -log10(covariance), within [0, 15.95]; 0 if that is NaN
+  double asymmetry;            ///< ||P^ - P^'||_F / (2 ||P||_F); 0 for a factor
+  double smallest_eigenvalue;  ///< of the symmetric part of P^, with several digits right even when far below u ||P||
+  bool positive_semidefinite;  ///< of the symmetric part of P^, decided exactly; always so for finite factors
+  double correct_digits;       ///< -log10(covariance), within [0, 15.95]; 0 if that is NaN
 };
 
 /// What Trajectory::expansion can give beyond the 16 digits of Truth.
@@ -81,7 +81,7 @@ enum class Quantity { P_predicted, P_filtered, P_next, innovation, predictor_gai
 ///     B', x_{k|k} = x + Kf (y - C x),  x+ = A x_{k|k} + B E w + D u.
 ///
 /// The recursion runs twice, at neighbouring rungs of a ladder of precisions: 20, 50, 100, 200 ... 1600 digits. The
-/// lower run has each of its intermediate results moved by one unit in its last place, up or down, so that the two
+/// lower run has each of its intermediate results moved at random by 1 to 1024 units in its last place, so that the two
 /// cannot agree by losing the same small addend: where they agree to d digits, d digits bear rounding at the lower
 /// precision, and are certified. The truth is read from the higher run. When fewer digits agree than were asked for,
 /// both climb a rung and the run is replayed from step 0 (the data opened anew), unseen by the caller.
@@ -127,4 +127,4 @@ class Trajectory {
   std::unique_ptr<Implementation> implementation_;
 };
 
-} // namespace kfstab::reference
+}  // namespace kfstab::reference

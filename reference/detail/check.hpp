@@ -11,4 +11,4 @@ void check(const AnyProblem<double>& problem, bool with_data);
 /// Throws ReferenceError, naming the step, unless y and u fit the model and are finite.
 void check(const StepData& data, const AnyProblem<double>& problem, std::int64_t k);
 
-} // namespace kfstab::reference::detail
+}  // namespace kfstab::reference::detail

@@ -27,12 +27,8 @@ void subtract_product(T& sum, const T& a, const T& b, T& scratch) {
   mpfr_sub(sum.backend().data(), sum.backend().data(), scratch.backend().data(), MPFR_RNDN);
 }
 
-inline void add_product(double& sum, double a, double b, double&) {
-  sum += a * b;
-}
-inline void subtract_product(double& sum, double a, double b, double&) {
-  sum -= a * b;
-}
+inline void add_product(double& sum, double a, double b, double&) { sum += a * b; }
+inline void subtract_product(double& sum, double a, double b, double&) { sum -= a * b; }
 
 template <class T>
 Matrix<T> zeros(Index rows, Index cols) {
@@ -117,8 +113,8 @@ Matrix<T> congruence(const Matrix<T>& X, const Matrix<T>& P) {
 template <class T>
 struct CholeskyEnd {
   bool done = true;
-  Index column = 0; ///< of the pivot that was not positive
-  T pivot = 0;      ///< that pivot
+  Index column = 0;  ///< of the pivot that was not positive
+  T pivot = 0;       ///< that pivot
 };
 
 /// X = L L', from X's lower triangle; L has zeros above the diagonal.
@@ -265,4 +261,4 @@ T power_of_ten(int exponent) {
   return pow(T(10), exponent);
 }
 
-} // namespace kfstab::reference::detail
+}  // namespace kfstab::reference::detail

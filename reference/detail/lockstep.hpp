@@ -35,4 +35,4 @@ std::unique_ptr<Lockstep> make_lockstep(int pair, const AnyProblem<double>& prob
 std::unique_ptr<Lockstep> make_low_lockstep(int pair, const AnyProblem<double>& problem, bool with_data);
 std::unique_ptr<Lockstep> make_high_lockstep(int pair, const AnyProblem<double>& problem, bool with_data);
 
-} // namespace kfstab::reference::detail
+}  // namespace kfstab::reference::detail

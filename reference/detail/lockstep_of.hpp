@@ -134,8 +134,7 @@ class LockstepOf final : public Lockstep {
       const H distance = abs(H(low_pivot - high_end.pivot));
       if (low_end.row == high_end.row && distance <= H(abs(high_end.pivot) / 1000)) {
         throw ReferenceError(step + "Re is not positive definite: pivot " + std::to_string(high_end.row) +
-                             " of its Cholesky factorisation is " +
-                             std::to_string(reference::round_to_double(high_end.pivot)));
+                             " of its Cholesky factorisation is " + high_end.pivot.str(6));
       }
     }
     why_ = step + (low_end.no_information || high_end.no_information ? "P_{k|k}" : "Re") +
@@ -231,4 +230,4 @@ class LockstepOf final : public Lockstep {
        x_next_is_zero_ = false;
 };
 
-} // namespace kfstab::reference::detail
+}  // namespace kfstab::reference::detail

@@ -13,15 +13,15 @@ namespace kfstab::reference::detail {
 template <class T>
 struct Numbers {
   Matrix<T> A, C, D;
-  Matrix<T> BQB; ///< B Q B'
+  Matrix<T> BQB;  ///< B Q B'
   Matrix<T> R;
-  Vector<T> Bw; ///< B E w; empty where there is none
+  Vector<T> Bw;  ///< B E w; empty where there is none
   bool R_is_zero = true;
 
   // Of an information problem alone: what the amplification of its errors is made of.
   Matrix<T> A_inverse, A_inverse_B;
-  Matrix<T> Q_inverse; ///< Q^{-1}
-  Matrix<T> CRC;       ///< C' R^{-1} C
+  Matrix<T> Q_inverse;  ///< Q^{-1}
+  Matrix<T> CRC;        ///< C' R^{-1} C
   double k_A = 1, k_Q_root = 1, k_R_root = 1;
 };
 
@@ -134,4 +134,4 @@ Matrix<T> read_initial(const AnyProblem<double>& problem) {
       problem);
 }
 
-} // namespace kfstab::reference::detail
+}  // namespace kfstab::reference::detail

@@ -329,6 +329,14 @@ TEST(Trajectory, TwoRunsCannotAgreeByLosingTheSameAddend) {
   EXPECT_EQ(trajectory.truth().P_filtered, matrix(2, 2, {1, 1, 1, 2}));
   EXPECT_GE(trajectory.working_digits(), 400);
 
+  // The same P0 seen by its difference alone, where 50 digits say Re = 1: it is 2.
+  model.C = matrix(1, 2, {1, -1});
+  const AnyProblem<double> difference =
+      Problem<RootModel<double>>{{model}, matrix(2, 2, {0x1p350, 0, 0x1p350, 1}), Vector<double>::Zero(2)};
+  Trajectory other(difference, nullptr);
+  other.advance();
+  EXPECT_EQ(other.truth().innovation(0, 0), 2);
+
   // The scalar case: P - P^2 / (P + 1) is 0 in any precision below 2^700.
   model.A = model.C = matrix(1, 1, {1});
   model.B = Matrix<double>(1, 0);
@@ -462,9 +470,9 @@ TEST(Trajectory, NamesWhatItRefuses) {
   EXPECT_EQ(refusal([](auto& p) { p.models.clear(); }), "the problem has no model");
   EXPECT_EQ(refusal([](auto& p) { p.x0 = Vector<double>::Zero(3); }), "x0 is 3 x 1, expected 2 x 1");
   EXPECT_EQ(refusal([](auto& p) { p.models[0].R(0, 0) = -2; }),
-            "step 0: Re is not positive definite: pivot 0 of its Cholesky factorisation is -1.000000");
+            "step 0: Re is not positive definite: pivot 0 of its Cholesky factorisation is -1");
   EXPECT_EQ(refusal([](auto& p) { p.models[0].R(0, 0) = 0, p.initial.setZero(); }),
-            "step 0: Re is not positive definite: pivot 0 of its Cholesky factorisation is 0.000000");
+            "step 0: Re is not positive definite: pivot 0 of its Cholesky factorisation is 0");
   EXPECT_EQ(refusal([](auto& p) { p.models[0].A *= 0x1p300; }, 4),
             "step 1: P_{k+1|k} does not fit a double (overflow)");
   const auto data = std::make_shared<ListedData>(std::vector<StepData>{{Vector<double>::Zero(1), Vector<double>(0)},
@@ -495,12 +503,13 @@ TEST(Trajectory, NamesWhatItRefusesOfAnInformationProblem) {
 
 TEST(Trajectory, SaysSoWhenNoPrecisionHelps) {
   // Re is exactly singular, but rounding hides it: C P C' = 0.1 (1 - 1), R = 0.
-  EXPECT_NE(refusal([](auto& p) {
-              p.models[0].R.setZero();
-              p.models[0].C = matrix(1, 2, {0.3, 0.3});
-              p.initial = matrix(2, 2, {0.1, -0.1, -0.1, 0.1});
-            }).find("Re is singular or indefinite as far as 800 digits can tell"),
-            std::string::npos);
+  const std::string words = refusal([](auto& p) {
+    p.models[0].R.setZero();
+    p.models[0].C = matrix(1, 2, {0.3, 0.3});
+    p.initial = matrix(2, 2, {0.1, -0.1, -0.1, 0.1});
+  });
+  EXPECT_NE(words.find("step 0: Re is singular or indefinite as far as 800 digits can tell"), std::string::npos)
+      << words;
 }
 
 }  // namespace
