@@ -86,6 +86,7 @@ class SymmetricCovarianceFilter {
     Re_ = model.R;
     add_product_upper(Re_, model.C, W_.transpose());
     const S norm = one_norm_symmetric_upper(Re_);
+    if (!is_finite(norm)) return failed(Status::overflow, S(0), model, y);
     if (cholesky_upper(Re_) != 0) return failed(Status::not_positive_definite, S(0), model, y);
     const auto solve = [this](auto& b) {
       solve_triangular<Triangle::upper, true>(Re_, b);

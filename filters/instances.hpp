@@ -32,16 +32,24 @@ class FilterOf final : public AnyFilter<typename Filter::Scalar> {
     filter_ = Filter(problem_->dimensions());
     filter_.start(problem_->initial, problem_->x0);
     if constexpr (Model::parametrisation == Parametrisation::information) {
-      previous_u_ = Vector<Scalar>::Zero(problem_->models.front().D.cols());
+      previous_u_ = current_u_ = Vector<Scalar>::Zero(problem_->models.front().D.cols());
+      current_step_ = -1;
     }
   }
 
   Step<Scalar> step(std::int64_t k, const Vector<Scalar>* y, const Vector<Scalar>* u) override {
     Step<Scalar> step;
     if constexpr (Model::parametrisation == Parametrisation::information) {
-      step.report = k == 0 ? filter_.measurement_update(problem_->model(0), y)
-                           : filter_.step(problem_->model(k - 1), problem_->model(k), y, u ? &previous_u_ : nullptr);
-      if (u) previous_u_ = *u;
+      // Its step k takes u_{k-1}; a step that is called again after it failed takes the same one again.
+      if (k != current_step_) previous_u_.swap(current_u_);
+      current_step_ = k;
+      if (u) current_u_ = *u;
+      if (u && !all_finite(*u))
+        step.report = {Status::non_finite_input, Scalar(0)};
+      else if (k == 0)
+        step.report = filter_.measurement_update(problem_->model(0), y);
+      else
+        step.report = filter_.step(problem_->model(k - 1), problem_->model(k), y, u ? &previous_u_ : nullptr);
       step.held = &filter_.information_factor();
     } else {
       step.report = filter_.step(problem_->model(k), y, u);
@@ -63,7 +71,8 @@ class FilterOf final : public AnyFilter<typename Filter::Scalar> {
   const Metadata& metadata_;
   const Problem<Model>* problem_ = nullptr;
   Filter filter_;
-  Vector<Scalar> previous_u_;
+  Vector<Scalar> previous_u_, current_u_;
+  std::int64_t current_step_ = -1;
 };
 
 template <class Scalar>

@@ -123,9 +123,11 @@ class SquareRootCovarianceFilter {
     copy_lower(model.R_root, next_Re_root_);
     multiply_lower(model.C, S_, CS_);
     structured_lq(Shape::full, next_Re_root_, CS_, rows, gain, tau_);
+    if (!all_finite(next_Re_root_)) return failed(Status::overflow, S(0), model, y);
     const S rcond = reciprocal_condition_triangular<Triangle::lower>(next_Re_root_, work_, sign_);
     if (!(rcond >= tolerance_)) return failed(Status::singular_innovation, rcond, model, y);
     solve_triangular_right<Triangle::lower, false>(next_Re_root_, gain);
+    if (!all_finite(gain)) return failed(Status::overflow, rcond, model, y);
     if (y) {
       innovation_ = *y;
       innovation_.noalias() -= model.C.lazyProduct(x_);

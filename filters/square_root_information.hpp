@@ -125,9 +125,10 @@ class SquareRootInformationFilter {
     qr(stack_, right_);
     copy_upper(stack_.topRows(n), next_);
 
-    const S rcond = reciprocal_condition_triangular<Triangle::upper>(next_, work_, sign_);
+    const bool finite = all_finite(next_);
+    const S rcond = finite ? reciprocal_condition_triangular<Triangle::upper>(next_, work_, sign_) : S(0);
     if (!(rcond >= tolerance_)) {
-      const auto report = failed(Status::singular_information, rcond, model, y, u);
+      const auto report = failed(finite ? Status::singular_information : Status::overflow, rcond, model, y, u);
       return failed(report.status, rcond, next);
     }
     if (measured) {
@@ -145,7 +146,7 @@ class SquareRootInformationFilter {
       next_x_ = right_.head(n);
       solve_triangular<Triangle::upper, false>(next_, next_x_);
     }
-    if (!all_finite(next_) || (measured && !all_finite(next_gain_)) || (has_state && !all_finite(next_x_))) {
+    if ((measured && !all_finite(next_gain_)) || (has_state && !all_finite(next_x_))) {
       const auto report = failed(Status::overflow, rcond, model, y, u);
       return failed(report.status, rcond, next);
     }

@@ -71,6 +71,7 @@ class UnsymmetrisedFilter {
 
     LU_ = Re_;
     const S norm = one_norm(Re_);
+    if (!is_finite(norm)) return failed(Status::overflow, S(0), model, y, u);
     const bool regular = lu_transposed(LU_, pivots_);
     const S rcond = regular ? reciprocal_condition(
                                   norm, work_, sign_, [this](auto& b) { solve_lu(LU_, pivots_, b); },
