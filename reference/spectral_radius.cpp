@@ -22,21 +22,22 @@ void scale(Matrix<T>& X, int exponent) {
 /// root, so the first ones decide; |X|^{1/N} forgets constants and powers of N.
 template <class T>
 double by_squaring(Matrix<T> X) {
-  double log_radius = 0, weight = 1;
-  for (int squaring = 0; squaring <= 60; ++squaring) {
+  constexpr int squarings = 60;
+  HighPrecision log2_radius = 0;  // terms of both signs, far larger than their sum where X is far from normal
+  for (int squaring = 0;; ++squaring) {
     const T size = detail::frobenius(X);
     if (size == 0) return 0;
     int exponent = 0;
     using std::frexp;
-    using std::log;
     const T mantissa = frexp(size, &exponent);
-    log_radius += weight * exponent * std::log(2.0);
+    log2_radius += ldexp(HighPrecision(exponent), -squaring);
+    if (squaring == squarings) {
+      log2_radius += ldexp(HighPrecision(std::log2(static_cast<double>(mantissa))), -squaring);
+      return round_to_double(HighPrecision(pow(HighPrecision(2), log2_radius)));
+    }
     scale(X, -exponent);
-    weight /= 2;
-    if (squaring == 60) log_radius += 2 * weight * std::log(static_cast<double>(mantissa));
     X = detail::product(X, X);
   }
-  return std::exp(log_radius);
 }
 
 }  // namespace

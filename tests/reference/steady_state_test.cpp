@@ -119,7 +119,7 @@ TEST(SpectralRadius, KnownOnes) {
   EXPECT_NEAR(spectral_radius(matrix(2, 2, {0.6, -0.8, 0.8, 0.6})), std::hypot(0.6, 0.8), 2 * ulp);
   EXPECT_NEAR(spectral_radius(matrix(2, 2, {0.9, 1, 0, 0.9})), 0.9, 4 * ulp);     // not diagonalisable
   EXPECT_NEAR(spectral_radius(matrix(2, 2, {0.9, 1e8, 0, 0.85})), 0.9, 4 * ulp);  // far from normal
-  EXPECT_NEAR(spectral_radius(1e300 * matrix(2, 2, {1, 1, 1, 1})) / 2e300, 1, 1e4 * ulp);
+  EXPECT_NEAR(spectral_radius(1e300 * matrix(2, 2, {1, 1, 1, 1})) / 2e300, 1, 4 * ulp);
   // companion matrix of (x - 2)(x - 1)(x + 1/2)
   EXPECT_NEAR(spectral_radius(matrix(3, 3, {2.5, -0.5, -1, 1, 0, 0, 0, 1, 0})), 2, 8 * ulp);
   EXPECT_TRUE(std::isnan(spectral_radius(matrix(1, 1, {std::numeric_limits<double>::quiet_NaN()}))));
