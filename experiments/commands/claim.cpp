@@ -13,6 +13,7 @@
 #include <kfstab/experiments/selection.hpp>
 #include <kfstab/properties/expression.hpp>
 #include <kfstab/properties/input_error.hpp>
+#include <kfstab/reports/markdown.hpp>
 #include <kfstab/reports/terminal.hpp>
 
 namespace kfstab::experiments {
@@ -73,14 +74,18 @@ int claim_command(const ClaimArguments& arguments) {
   }
   output.write(claims_document(results), claims_json(results, set));
 
-  for (const ClaimResult& result : results) {
-    output.print(fmt::format("C{}  {}: {}\n", result.claim.number, result.claim.title, name(result.verdict())));
-    output.print(reports::render_text(reports::Checks{result.findings.checks}) + "\n");
-  }
-  output.print(fmt::format("Plots, data and the page: {}\n", (output.folder() / "index.html").string()));
   const auto passed = std::ranges::count_if(
       results, [](const ClaimResult& r) { return r.verdict() == reports::Verdict::confirmed; });
-  output.print(fmt::format("{} passed, {} failed\n", passed, static_cast<std::ptrdiff_t>(results.size()) - passed));
+  if (arguments.markdown) {
+    output.print(reports::render_markdown(verdict_table(results)));
+  } else {
+    for (const ClaimResult& result : results) {
+      output.print(fmt::format("C{}  {}: {}\n", result.claim.number, result.claim.title, name(result.verdict())));
+      output.print(reports::render_text(reports::Checks{result.findings.checks}) + "\n");
+    }
+    output.print(fmt::format("Plots, data and the page: {}\n", (output.folder() / "index.html").string()));
+    output.print(fmt::format("{} passed, {} failed\n", passed, static_cast<std::ptrdiff_t>(results.size()) - passed));
+  }
   if (interrupted()) {
     fmt::print(stderr, "kfstab: interrupted; the claims that were finished are written\n");
     return Exit::interrupted;

@@ -35,12 +35,13 @@ struct ClaimArguments {
   SetArguments set;
   std::string out;
   std::string json;
+  bool markdown = false;  ///< the table of verdicts alone, as Markdown
 };
 int claim_command(const ClaimArguments& arguments);
 
 int demo_command(const std::string& out);
 
-/// what: "systems", "filters" or "claims"; all of them if it is empty.
-int list_command(const std::string& what);
+/// what: "systems", "filters" or "claims"; all of them if it is empty. markdown: as tables for a README, not for a terminal.
+int list_command(const std::string& what, bool markdown);
 
 }  // namespace kfstab::experiments

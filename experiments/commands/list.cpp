@@ -4,6 +4,7 @@
 #include <kfstab/experiments/claim.hpp>
 #include <kfstab/experiments/commands/commands.hpp>
 #include <kfstab/filters/registry.hpp>
+#include <kfstab/reports/markdown.hpp>
 #include <kfstab/reports/number.hpp>
 #include <kfstab/reports/terminal.hpp>
 
@@ -27,7 +28,7 @@ std::string needs_of(const Needs& needs) {
   return text;
 }
 
-void list_systems() {
+reports::Table systems_table() {
   reports::Table table{"Systems", {"name", "n", "m", "p", "steps", "parameters", "description", "source"}, {}, {}};
   using enum reports::Alignment;
   table.alignment = {left, right, right, right, right, left, left, left};
@@ -40,10 +41,10 @@ void list_systems() {
     table.rows.push_back({system.name, fmt::format("{}", d.n), fmt::format("{}", d.m), fmt::format("{}", d.p),
                           fmt::format("{}", system.steps), parameters, system.description, system.source});
   }
-  fmt::print("{}", reports::render_text(table));
+  return table;
 }
 
-void list_filters() {
+reports::Table filters_table() {
   reports::Table table{"Filters", {"id", "form", "holds", "update", "needs", "operations", "source"}, {}, {}};
   for (const Metadata& f : filters()) {
     const char* holds = f.holds == Held::covariance          ? "P"
@@ -52,10 +53,10 @@ void list_filters() {
     table.rows.push_back({std::string(f.id), std::string(f.title), holds, std::string(f.update), needs_of(f.needs),
                           std::string(f.operations), std::string(f.source)});
   }
-  fmt::print("{}", reports::render_text(table));
+  return table;
 }
 
-void list_claims() {
+reports::Table claims_table() {
   reports::Table table{"Claims", {"", "id", "what is claimed", "parameters"}, {}, {}};
   for (const Claim& claim : all_claims()) {
     std::string parameters;
@@ -63,17 +64,22 @@ void list_claims() {
       parameters += fmt::format("{}{}={}", parameters.empty() ? "" : " ", p.name, reports::short_number(p.value, 4));
     table.rows.push_back({fmt::format("C{}", claim.number), claim.id, claim.title, parameters});
   }
-  fmt::print("{}", reports::render_text(table));
+  return table;
 }
 
 }  // namespace
 
-int list_command(const std::string& what) {
-  if (what.empty() || what == "systems") list_systems();
-  if (what.empty()) fmt::print("\n");
-  if (what.empty() || what == "filters") list_filters();
-  if (what.empty()) fmt::print("\n");
-  if (what.empty() || what == "claims") list_claims();
+int list_command(const std::string& what, bool markdown) {
+  bool first = true;
+  const auto show = [&](const char* name, reports::Table (*make)()) {
+    if (!what.empty() && what != name) return;
+    const auto table = make();
+    fmt::print("{}{}", first ? "" : "\n", markdown ? reports::render_markdown(table) : reports::render_text(table));
+    first = false;
+  };
+  show("systems", systems_table);
+  show("filters", filters_table);
+  show("claims", claims_table);
   return Exit::ok;
 }
 

@@ -42,6 +42,7 @@ int command_line(int argc, char** argv) {
       "5 nothing selected; 130 interrupted. Every flag has an environment twin: --filters is KFSTAB_FILTERS.");
   int exit_code = Exit::ok;
   std::vector<std::string> set;
+  std::string format = "text";
   const auto add_set = [&set](CLI::App* command, const std::string& text) {
     command->add_option("--set", set, text)->envname("KFSTAB_SET")->type_name("NAME=VALUE")->take_all()->expected(1);
   };
@@ -76,6 +77,7 @@ int command_line(int argc, char** argv) {
       ->envname("KFSTAB_JSON")->type_name("FILE");
   claim_app->callback([&] {
     claim.set = split(set);
+    claim.markdown = format == "markdown";
     exit_code = claim_command(claim);
   });
 
@@ -88,7 +90,13 @@ int command_line(int argc, char** argv) {
   auto* list_app = app.add_subcommand("list", "List the systems, filters and claims that come with kfstab");
   list_app->add_option("WHAT", what, "systems, filters or claims; else all")
       ->check(CLI::IsMember({"systems", "filters", "claims"}));
-  list_app->callback([&] { exit_code = list_command(what); });
+  const auto add_format = [&format](CLI::App* command) {
+    command->add_option("--format", format, "text, or markdown for a README")
+        ->envname("KFSTAB_FORMAT")->check(CLI::IsMember({"text", "markdown"}))->capture_default_str();
+  };
+  add_format(list_app);
+  list_app->callback([&] { exit_code = list_command(what, format == "markdown"); });
+  add_format(claim_app);
 
   try {
     app.parse(argc, argv);
