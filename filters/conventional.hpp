@@ -160,7 +160,8 @@ class SymmetricCovarianceFilter {
 /// It squares what a square-root filter keeps as a root: one step loses the condition number of Re where that loses its
 /// square root, and nothing keeps P definite. Choose it where Re is well conditioned and speed is everything.
 ///
-/// Source: SLICOT FB01VD (which returns the same gain); operations 3/2 n^3 + n^2 (3p + m/2).
+/// Source: SLICOT FB01VD (which returns the same gain); operations 3/2 n^3 + n^2 (3p + m)/2 (FB01VD's text says
+/// n^2 (3p + m/2)).
 template <class S, int N = Dynamic, int M = Dynamic, int P = Dynamic>
 using ConventionalFilter = SymmetricCovarianceFilter<MeasurementUpdate::downdate, S, N, M, P>;
 

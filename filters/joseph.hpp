@@ -13,7 +13,7 @@ namespace kfstab {
 /// itself is no better than the conventional filter's: it comes from the same Re.
 ///
 /// Source: Bucy and Joseph, Filtering for Stochastic Processes with Applications to Guidance (1968). Operations
-/// 3 n^3 + n^2 (4p + m/2).
+/// 3 n^3 + n^2 (5p + m)/2.
 template <class S, int N = Dynamic, int M = Dynamic, int P = Dynamic>
 using JosephFilter = SymmetricCovarianceFilter<MeasurementUpdate::joseph, S, N, M, P>;
 

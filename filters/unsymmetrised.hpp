@@ -59,8 +59,8 @@ class UnsymmetrisedFilter {
   StepReport<S> step(const Model& model, const Output* y = nullptr, const Input* u = nullptr) {
     const auto& A = model.A;
     const auto& C = model.C;
-    U_.noalias() = P_.lazyProduct(C.transpose());
-    V_.noalias() = C.lazyProduct(P_);
+    if constexpr (coding != Asymmetry::cp) U_.noalias() = P_.lazyProduct(C.transpose());
+    if constexpr (coding == Asymmetry::cp || coding == Asymmetry::mixed) V_.noalias() = C.lazyProduct(P_);
     Re_ = model.R;
     if constexpr (coding == Asymmetry::cp)
       Re_.noalias() += V_.lazyProduct(C.transpose());
