@@ -67,7 +67,7 @@ double Expressions::operator()(const std::string& text) const {
   } catch (const mu::Parser::exception_type& error) {
     if (error.GetCode() == mu::ecUNASSIGNABLE_TOKEN) {
       const std::string& token = error.GetToken();
-      throw ExpressionError(in_quotes(text) + ", where " + in_quotes(token) + " is no parameter, constant or function" +
+      throw ExpressionError(in_quotes(text) + ", where " + in_quotes(token) + " is no parameter, constant or function",
                             did_you_mean(token, parser_->names));
     }
     throw ExpressionError(in_quotes(text) + " (" + error.GetMsg() + ")");

@@ -4,14 +4,20 @@
 #include <memory>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace kfstab::properties {
 
-/// What is wrong with an expression.
+/// What is wrong with an expression, and a hint for the end of a message: "; did you mean 'dt'?" or nothing.
 class ExpressionError : public std::runtime_error {
  public:
-  using std::runtime_error::runtime_error;
+  explicit ExpressionError(const std::string& what, std::string hint = {}) : std::runtime_error(what), hint_(std::move(hint)) {}
+
+  const std::string& hint() const { return hint_; }
+
+ private:
+  std::string hint_;
 };
 
 /// Evaluates what system files write in quotes: "q*dt^3/3". Numbers, names, pi, + - * / ^ ( ), comparisons, c ? a : b and

@@ -64,6 +64,19 @@ void judge(LawReport& report, const ObservedStep& step) {
 
 }  // namespace
 
+std::optional<double> ObservedStep::ratio(double error, double kappa, double scale) const {
+  if (scale < std::numeric_limits<double>::min() / unit_roundoff<double>()) return std::nullopt;
+  return error == 0 ? 0 : error / scale / (rounding() * kappa);
+}
+
+double CovarianceStep::innovation_condition() const {
+  if (Re.rows() == 0) return 1;
+  const auto inverse = Re.inverse();
+  if (!inverse) return std::numeric_limits<double>::infinity();
+  const double c = C.norm();
+  return (R.norm() + c * c * P.norm()) * inverse->norm();
+}
+
 bool LawReport::all_hold() const {
   return std::ranges::all_of(results, [](const LawResult& result) { return result.holds(); });
 }

@@ -20,6 +20,10 @@ struct CovarianceStep {
   Precise P, P_plus;
   Precise gain;  ///< A P C' Re^{-1} or P C' Re^{-1}: filter.gain
   Precise Re;    ///< R + C P C'
+
+  /// (|R| + |C|^2 |P|) |Re^{-1}|, Frobenius norms: by how much an inverse of Re enlarges the error with which Re is formed.
+  /// Not less than k(Re), and far more where C hardly sees what is large in P. Infinite if Re is singular.
+  double innovation_condition() const;
 };
 
 /// A step of a filter that holds T, P_{k|k}^{-1} = T'T, and has the gain P_{k|k} C' R^{-1}. C and R are those of step k; A^{-1}
@@ -42,6 +46,8 @@ struct ObservedStep {
   double rounding() const {
     return unit_roundoff<double>() * static_cast<double>(size.n + size.m + size.p);
   }
+  /// error / (u (n + m + p) kappa scale), what a law gives; nothing where numbers are so small that underflow decides.
+  std::optional<double> ratio(double error, double kappa, double scale) const;
 };
 
 /// A law, one a file in properties/laws. CMake lists the files: laws/NAME.cpp defines Law NAME() in namespace laws.

@@ -123,7 +123,7 @@ class Reader {
       try {
         value = (*expressions_)(*text);
       } catch (const ExpressionError& error) {
-        refuse(node, field, error.what(), number_words());
+        refuse(node, field, error.what(), number_words() + error.hint());
       }
     } else {
       refuse(node, field, kind(node), number_words());
@@ -200,7 +200,7 @@ class Reader {
         try {
           system_.parameters[name] = (*expressions_)(*text);
         } catch (const ExpressionError& error) {
-          refuse(*node, "parameters." + name, error.what(), number_words());
+          refuse(*node, "parameters." + name, error.what(), number_words() + error.hint());
         }
         entry = open.erase(entry);
         progress = true;

@@ -20,8 +20,15 @@ std::optional<double> of_covariance(const ObservedStep& step, const CovarianceSt
   const double A = s.A.norm(), B = s.B.norm(), C = s.C.norm(), p = s.P.norm();
   const double innovation = s.R.norm() + C * C * p;
   const double state = predictor ? A * A * p + B * B * s.Q.norm() : p;
-  const double scale = s.gain.norm() * innovation + std::sqrt(state * innovation);
-  return error == 0 ? 0 : error / (step.rounding() * scale);
+  double gain = s.gain.norm();
+  if (coding == Asymmetry::downdate) {
+    // (v) comes to K by A Kf, which may cancel.
+    const auto inverse = Re.inverse();
+    if (!inverse) return std::nullopt;
+    gain = A * (PC * *inverse).norm();
+  }
+  const double scale = gain * innovation + std::sqrt(state * innovation);
+  return step.ratio(error, 1, scale);
 }
 
 std::optional<double> of_information(const ObservedStep& step, const InformationStep& s) {
@@ -29,7 +36,7 @@ std::optional<double> of_information(const ObservedStep& step, const Information
   const double error = (s.T.transposed() * (s.T * s.gain) - R_C.transposed() * s.R_inverse_root).norm();
   const double T = s.T.norm(), R = s.R_inverse_root.norm();
   const double scale = T * T * s.gain.norm() + s.C.norm() * R * R;
-  return error == 0 ? 0 : error / (step.rounding() * scale);
+  return step.ratio(error, 1, scale);
 }
 
 std::optional<double> ratio(const ObservedStep& step) {
@@ -46,7 +53,8 @@ Law gain_innovation() {
                    "same law as P_{k|k}^{-1} Kf = C' R^{-1}",
       .assumptions = "none; a residual, so no condition number enters: even a gain that is wrong by k(Re) u fulfils it",
       .source = "theory 2; the definition of the gain",
-      .tolerance = "30 u (n+m+p) (|K| r + sqrt(a r)), r = |R| + |C|^2 |P|, a = |A|^2 |P| + |B|^2 |Q| (a = |P| for a filter gain); "
+      .tolerance = "30 u (n+m+p) (|K| r + sqrt(a r)), r = |R| + |C|^2 |P|, a = |A|^2 |P| + |B|^2 |Q| (a = |P| for a filter gain; |A| |Kf| for |K| in "
+                   "coding (v)); "
                    "30 u (n+m+p) (|T|^2 |Kf| + |C| |R^{-1/2}|^2) for an information filter",
       .failure = "The gain does not belong to P: taken after the update instead of before, R used where its root is meant, a factor "
                  "of A too many or too few, or the inverse of Re formed and multiplied.",

@@ -22,15 +22,22 @@ std::optional<double> of_covariance(const ObservedStep& step, const CovarianceSt
   const double A = s.A.norm(), P = s.P.norm(), B = s.B.norm();
   // (iii) and others turn an asymmetry of P into an error of the symmetric part: not this law's matter.
   if ((s.P - s.P.transposed()).norm() > step.rounding() * P) return std::nullopt;
-  const double k = s.Re.condition();
+  const double k = s.innovation_condition();
   const bool factor = step.filter.holds == Held::covariance_factor;
   const double kappa = factor ? 1 + std::sqrt(k) : k;
   const Precise floor = s.B * s.Q * s.B.transposed();
   // Twice the symmetric part, so that no half is needed.
-  const double error = below_zero(s.P_plus + s.P_plus.transposed() - floor - floor) / 2;
+  double error = below_zero(s.P_plus + s.P_plus.transposed() - floor - floor) / 2;
+  if (!factor) {
+    // P+ = F P F' + K R K' + B Q B': what was negative in P before the step is not this step's error.
+    const Precise KC = s.gain * s.C;
+    const Precise F = step.filter.gain == GainKind::predictor ? s.A - KC : s.A - s.A * KC;
+    const double inherited = below_zero(s.P + s.P.transposed()) / 2;
+    error = std::max(0.0, error - F.norm() * F.norm() * inherited);
+  }
   const double gain = factor ? 0 : s.gain.norm() * (s.C * s.P * s.A.transposed()).norm();
   const double scale = A * A * P + B * B * s.Q.norm() + gain;
-  return error == 0 ? 0 : error / (step.rounding() * kappa * scale);
+  return step.ratio(error, kappa, scale);
 }
 
 /// P_{k|k-1} >= B Q B' says of inverses, with Q and P definite, that Q^{-1} >= B' P_{k|k-1}^{-1} B.
@@ -44,13 +51,16 @@ std::optional<double> of_information(const ObservedStep& step, const Information
   const Precise Q_inverse = s.Q_inverse_root.transposed() * s.Q_inverse_root;
   const double error = below_zero(Q_inverse - B.transposed() * predicted * B);
 
+  // The pre-array's columns are [Q^{-1/2}; T A^{-1}B; 0] and [0; T A^{-1}; R^{-1/2} C]: the first are eliminated from the second.
   const Precise T_B = s.T_before * s.A_inverse_B;
-  const double k_Qe = std::sqrt((Q_inverse + T_B.transposed() * T_B).condition());
-  const double k_A = s.A_inverse.condition();
-  const double kappa = k_A + s.R_inverse_root.condition() + k_Qe * (s.Q_inverse_root.condition() + k_A);
-  const double T = s.T.norm(), b = B.norm();
-  const double scale = Q_inverse.norm() + b * b * T * T;
-  return error == 0 ? 0 : error / (step.rounding() * kappa * scale);
+  const auto Qe = (Q_inverse + T_B.transposed() * T_B).inverse();
+  if (!Qe) return std::nullopt;
+  const double T = s.T_before.norm();
+  const double first = s.Q_inverse_root.norm() + T * s.A_inverse_B.norm();
+  const double second = std::hypot(T * s.A_inverse.norm(), R_C.norm());
+  const double kappa = 1 + first * std::sqrt(Qe->norm());
+  const double b = B.norm();
+  return step.ratio(error, kappa, Q_inverse.norm() + b * b * second * second);
 }
 
 std::optional<double> ratio(const ObservedStep& step) {
@@ -63,13 +73,15 @@ std::optional<double> ratio(const ObservedStep& step) {
 Law noise_floor() {
   return {
       .id = "noise-floor",
-      .statement = "P+ >= B Q B': no measurement tells of noise that has yet to come. Of an information filter: Q^{-1} >= B' P_{k|k-1}^{-1} B",
+      .statement = "P+ >= B Q B': no measurement tells of noise that has yet to come. Where P itself has a negative eigenvalue: P+ >= B Q B' + "
+                   "|F|^2 lambda_min(P), F = A - K C. Of an information filter: Q^{-1} >= B' P_{k|k-1}^{-1} B",
       .assumptions = "steps that start with |P - P'| <= u (n+m+p) |P|; not the first step of an information filter, which has no "
                      "time update",
       .source = "theory 2: P+ - B Q B' = A P_{k|k} A', a covariance",
-      .tolerance = "30 u (n+m+p) kappa (|A|^2 |P| + |B|^2 |Q| + |K| |C P A'|), kappa = k(Re); without its last term and with kappa = 1 + k(Re)^{1/2} "
-                   "for a filter that holds S; 30 u (n+m+p) kappa (|Q^{-1}| + |B|^2 |T|^2), kappa that of the bound of theory 4, for one "
-                   "that holds T",
+      .tolerance = "30 u (n+m+p) kappa (|A|^2 |P| + |B|^2 |Q| + |K| |C P A'|), kappa = (|R| + |C|^2 |P|) |Re^{-1}|; for a filter that "
+                   "holds S without the last term and with 1 + kappa^{1/2} for kappa; for one that holds T: 30 u (n+m+p) kappa (|Q^{-1}| + "
+                   "|B|^2 (|T|^2 |A^{-1}|^2 + |R^{-1/2} C|^2)), kappa = 1 + (|Q^{-1/2}| + |T| |A^{-1}B|) |Qe|^{1/2}, "
+                   "Qe^{-1} = Q^{-1} + (T A^{-1}B)'(T A^{-1}B)",
       .failure = "P_{k|k} is not positive semidefinite, or the process noise was added with a wrong sign, weight or root.",
       .ratio = ratio};
 }

@@ -28,18 +28,14 @@ std::optional<double> ratio(const ObservedStep& step) {
   if (!step.covariance || step.filter.holds != Held::covariance || step.size.n == 0) return std::nullopt;
   const CovarianceStep& s = *step.covariance;
   const Precise D_plus = s.P_plus - s.P_plus.transposed();
-  if (step.filter.asymmetry == Asymmetry::none) {
-    const double scale = s.P_plus.norm();
-    return scale == 0 ? 0 : D_plus.norm() / (step.rounding() * scale);
-  }
+  if (step.filter.asymmetry == Asymmetry::none) return step.ratio(D_plus.norm(), 1, s.P_plus.norm());
   const Precise D = s.P - s.P.transposed();
-  const double kappa = s.Re.condition(), A = s.A.norm(), P = s.P.norm(), B = s.B.norm();
+  const double kappa = s.innovation_condition(), A = s.A.norm(), P = s.P.norm(), B = s.B.norm();
   // Beyond this D^2 counts, and the map is no longer what happens.
   if (!(D.norm() * kappa <= std::ldexp(P, -30))) return std::nullopt;
   // An error of the gain, u kappa K, enters P+ unsymmetrically by K C P A'.
   const double scale = A * A * P + B * B * s.Q.norm() + s.gain.norm() * s.C.norm() * P * A;
-  const double error = (D_plus - propagated(step.filter.asymmetry, s, D)).norm();
-  return error == 0 ? 0 : error / (step.rounding() * kappa * scale);
+  return step.ratio((D_plus - propagated(step.filter.asymmetry, s, D)).norm(), kappa, scale);
 }
 
 }  // namespace
@@ -49,10 +45,11 @@ Law symmetry() {
       .id = "symmetry",
       .statement = "P+ = P+'; where a coding lets P lose its symmetry: P+ - P+' is what the coding makes of P - P', by its "
                    "formula (i) to (v), and no more than rounding besides",
-      .assumptions = "filters that hold P; of the unsymmetrised ones, steps with |P - P'| k(Re) <= 2^-30 |P|, where the formulas, "
+      .assumptions = "filters that hold P; of the unsymmetrised ones, steps with |P - P'| kappa <= 2^-30 |P|, where the formulas, "
                      "of first order, hold",
       .source = "theory 3, after Verhaegen and Van Dooren 1986",
-      .tolerance = "30 u (n+m+p) |P+|; unsymmetrised: 30 u (n+m+p) k(Re) (|A|^2 |P| + |B|^2 |Q| + |K| |C| |P| |A|)",
+      .tolerance = "30 u (n+m+p) |P+|; unsymmetrised: 30 u (n+m+p) kappa (|A|^2 |P| + |B|^2 |Q| + |K| |C| |P| |A|), "
+                   "kappa = (|R| + |C|^2 |P|) |Re^{-1}|",
       .failure = "One half of P+ was computed in another way than the other, or a triangle was not copied. Of an unsymmetrised "
                  "coding: it is not the coding that its metadata name.",
       .ratio = ratio};

@@ -5,6 +5,7 @@
 #include <functional>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <limits>
 
 #include "systems.hpp"
@@ -365,6 +366,25 @@ TEST(SystemFile, Csv) {
   folder.write("data.csv", "");
   fs::resize_file(folder / "data.csv", std::uintmax_t{1} << 40);
   expect_refused([&] { read_system(folder / "cart.toml"); }, {"cart.toml:10:", "data.csv", "1099511627776 bytes"});
+}
+
+TEST(SystemFile, TheExampleOfTheDocumentationIsRead) {
+  std::ifstream file(fs::path(KFSTAB_SOURCE_DIR) / "docs/systems.md");
+  std::string text((std::istreambuf_iterator<char>(file)), {});
+  const auto begin = text.find("```toml\n") + 8;
+  std::string example = text.substr(begin, text.find("```", begin) - begin);
+  const System system = read_system_text(example, Format::toml, "tracking.toml");
+  EXPECT_EQ(system.dimensions(), (Dimensions{2, 1, 1}));
+  EXPECT_EQ(system.inputs(), 1);
+  EXPECT_EQ(system.R.value.kind, Sequence::Kind::periodic);
+  ASSERT_TRUE(system.data);
+
+  const std::string message =
+      "tracking.toml:7:7: A[0,1]: found \"dz\", where \"dz\" is no parameter, constant or function, expected a number or an "
+      "expression of dt, q, r; did you mean 'dt'?";
+  EXPECT_NE(text.find(message), std::string::npos);
+  example.replace(example.find("\"dt\""), 4, "\"dz\"");
+  expect_refused([&] { read_system_text(example, Format::toml, "tracking.toml"); }, {message});
 }
 
 TEST(SystemFile, RoundTripKeepsEveryBit) {
