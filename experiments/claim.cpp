@@ -52,7 +52,7 @@ ClaimResult run_claim(const Claim& claim, const std::map<std::string, double>& s
 }
 
 reports::Check check_close(std::string name, double predicted, double measured, double relative) {
-  const bool holds = std::abs(measured - predicted) <= relative * std::abs(predicted);
+  const bool holds = std::isfinite(predicted) && std::abs(measured - predicted) <= relative * std::abs(predicted);
   return {std::move(name), predicted, measured, fmt::format("within {:g} % of the prediction", 100 * relative), holds};
 }
 

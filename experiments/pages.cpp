@@ -94,9 +94,14 @@ reports::Document run_document(const std::vector<SystemRun>& runs) {
   document.title = runs.size() == 1 ? runs.front().name + ": filters compared" : "Filters compared";
   document.subtitle = "Relative errors against a certified reference that started from the very numbers each filter was given";
   document.context = context();
+  std::set<std::string> anchors;
   for (const SystemRun& run : runs) {
+    // Systems may share a name, or differ in what an id cannot hold.
+    const std::string base = run.name.empty() ? "system" : kebab(run.name);
+    std::string anchor = base;
+    for (int n = 2; !anchors.insert(anchor).second; ++n) anchor = fmt::format("{}-{}", base, n);
     reports::Section section;
-    section.anchor = kebab(run.name);
+    section.anchor = anchor;
     section.title = run.name;
     if (!run.description.empty()) section.blocks.push_back(reports::Paragraph{run.description});
     if (!run.source.empty()) section.blocks.push_back(reports::Paragraph{"Source: " + run.source});
@@ -119,7 +124,7 @@ reports::Document run_document(const std::vector<SystemRun>& runs) {
         "Frobenius norm. Asymmetry is ||P - P'||/2 relative to P, min eig the smallest eigenvalue of its symmetric part over the "
         "run, P < 0 the first step at which that was exactly not positive semidefinite, digits the correct ones of P at the end."});
 
-    const std::string prefix = kebab(run.name);
+    const std::string& prefix = section.anchor;
     auto error = run_figure(run, prefix, "covariance-error", "Relative error of P",
                             "How far is each filter's P from the true one? The grey region is the first-order bound of the form "
                             "with the widest one: errors inside it are what theory excuses, outside it something else grows.",
@@ -183,17 +188,20 @@ void write_results(const reports::Document& document, const std::string& json, c
   const reports::Folder folder(path);
   // First what cannot be made again, then what can be drawn from it.
   folder.write("results.json", json);
-  std::set<std::string> warnings;
+  std::vector<std::string> warnings;
   for (const auto& section : document.sections)
     for (const auto& block : section.blocks)
       if (const auto* figure = std::get_if<reports::Figure>(&block)) {
         const auto result = reports::write_figure(*figure, folder);
-        if (!result.warning.empty()) warnings.insert(result.warning);
+        if (!result.warning.empty()) warnings.push_back(result.warning);
       }
   folder.write("index.html", reports::render_html(document, [&](const reports::Figure& figure) {
                  return reports::read_svg(figure, folder);
                }));
-  for (const auto& warning : warnings) fmt::print(stderr, "kfstab: warning: {}\n", warning);
+  // Most likely one cause, a gnuplot that is not there: told once.
+  if (!warnings.empty())
+    fmt::print(stderr, "kfstab: warning: {}{}\n", warnings.front(),
+               warnings.size() > 1 ? fmt::format(" ({} more figures likewise)", warnings.size() - 1) : "");
 }
 
 }  // namespace kfstab::experiments

@@ -11,17 +11,14 @@ void Series::widen(Stretch& stretch, Point point) {
 
 void Series::add(std::int64_t step, double value) {
   const Point point{step, value};
-  if (count_ == 0) {
-    first_ = point;
-    largest_ = smallest_ = value;
-  }
+  if (count_ == 0) first_ = point;
   last_ = point;
   if (std::isnan(largest_) || value > largest_) largest_ = value;
   if (std::isnan(smallest_) || value < smallest_) smallest_ = value;
 
   if (count_ % width_ == 0) {
-    // Two points a stretch: half of the capacity in stretches is the whole of it in points.
-    if (stretches_.size() == capacity / 2) {
+    // One point a stretch as long as all are kept, then two: half of the capacity in stretches is the whole of it.
+    while (stretches_.size() >= (width_ == 1 ? capacity : capacity / 2)) {
       for (std::size_t i = 0; i < stretches_.size() / 2; ++i) {
         Stretch merged = stretches_[2 * i];
         widen(merged, stretches_[2 * i + 1].low);

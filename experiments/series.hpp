@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 namespace kfstab::experiments {
@@ -21,7 +22,8 @@ class Series {
   Points points() const;
 
   std::int64_t count() const { return count_; }
-  /// The last value, the largest and the smallest; NaN counts in none of the two but for a series of nothing else.
+  /// The last value, the largest and the smallest; NaN counts in none of the two but for a series of nothing else. NaN
+  /// for an empty series.
   double last() const { return last_.value; }
   double largest() const { return largest_; }
   double smallest() const { return smallest_; }
@@ -39,8 +41,9 @@ class Series {
   std::vector<Stretch> stretches_;
   std::int64_t width_ = 1;  ///< steps in a stretch
   std::int64_t count_ = 0;
-  Point first_{}, last_{};
-  double largest_, smallest_;
+  static constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+  Point first_{0, nan}, last_{0, nan};
+  double largest_ = nan, smallest_ = nan;
 };
 
 }  // namespace kfstab::experiments

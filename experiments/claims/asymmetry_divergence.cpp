@@ -1,4 +1,6 @@
+#include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include <fmt/core.h>
 
@@ -35,6 +37,14 @@ double growth_between(const Series& series, double from, double to) {
       logs.push_back(std::log(points.value[i]));
     }
   return std::exp(fit_line(steps, logs).slope);
+}
+
+/// The largest error of P; infinite for a filter that broke down, or whose P was not finite at some step.
+double worst_error(const FilterRun& filter) {
+  const auto points = filter.covariance_error.points();
+  const bool whole = !filter.first_failure &&
+                     std::ranges::none_of(points.value, [](double error) { return std::isnan(error); });
+  return whole ? filter.covariance_error.largest() : std::numeric_limits<double>::infinity();
 }
 
 Findings measure(const Settings& set) {
@@ -82,7 +92,7 @@ Findings measure(const Settings& set) {
                                             growth_between(f.covariance_error, 100, 300), .02));
     } else {
       findings.checks.push_back(check_at_most(fmt::format("{}: worst relative error of P", id), 1e-14,
-                                              f.covariance_error.largest(),
+                                              worst_error(f),
                                               "rounding level, as nothing in this problem amplifies a symmetric error"));
     }
   }

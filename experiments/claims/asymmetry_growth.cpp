@@ -2,6 +2,7 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <set>
 
 #include <Eigen/LU>
 #include <fmt/core.h>
@@ -95,7 +96,7 @@ void one_output(const Settings& set, Findings& findings) {
   figure.y = {"asymmetry, ||P - P'|| / 2", true};
 
   const double r_shown = set("r");
-  for (const double r : {1.02, 1.05, 1.1, r_shown, 1.5}) {
+  for (const double r : std::set{1.02, 1.05, 1.1, r_shown, 1.5}) {
     Pair pair;
     pair.A = round_to(rotation(r, .7), 20);
     const double predicted = std::abs(pair.A.determinant());

@@ -1,5 +1,8 @@
+#include <cerrno>
+#include <cstdio>
 #include <exception>
 #include <string>
+#include <system_error>
 
 #include <CLI/CLI.hpp>
 #include <fmt/core.h>
@@ -32,7 +35,7 @@ SetArguments split(const std::vector<std::string>& words) {
 int command_line(int argc, char** argv) {
   CLI::App app{"kfstab, a laboratory for the numerical stability of Kalman filters"};
   app.set_version_flag("--version", fmt::format("kfstab {} ({})", KFSTAB_VERSION, KFSTAB_REVISION));
-  app.require_subcommand(1);
+  app.require_subcommand(0, 1);  // none is told below: CLI11 says "required" for a command that it does not know, too
   app.failure_message([](const CLI::App* a, const CLI::Error& e) {
     return fmt::format("kfstab: {}\nRun with --help for what is expected{}.\n", e.what(),
                        a->get_subcommands().empty() ? "" : " of " + a->get_subcommands().front()->get_name());
@@ -41,6 +44,13 @@ int command_line(int argc, char** argv) {
       "Exit codes: 0 all well; 1 a claim is refuted or inconclusive, a law failed; 2 usage or bad input; 3 a fault of kfstab;\n"
       "5 nothing selected; 130 interrupted. Every flag has an environment twin: --filters is KFSTAB_FILTERS.");
   int exit_code = Exit::ok;
+  // What is parsed with a callback of its own reads its environment twins alone: those of a command that was not called
+  // neither spoil this one nor, where two share a variable, win over its flags.
+  const auto add_command = [&app](const std::string& name, const std::string& text) {
+    auto* command = app.add_subcommand(name, text);
+    command->parse_complete_callback([] {});
+    return command;
+  };
   std::vector<std::string> set;
   std::string format = "text";
   const auto add_set = [&set](CLI::App* command, const std::string& text) {
@@ -48,7 +58,7 @@ int command_line(int argc, char** argv) {
   };
 
   RunArguments run;
-  auto* run_app = app.add_subcommand("run", "Run filters through a system, beside a certified reference");
+  auto* run_app = add_command("run", "Run filters through a system, beside a certified reference");
   run_app->add_option("SYSTEM", run.systems, "a name that `list systems` prints, or a file (.toml, .json)")->required();
   run_app->add_option("--filters", run.filters, "regular expression on filter ids; a leading - excludes")
       ->envname("KFSTAB_FILTERS")->type_name("REGEX");
@@ -69,8 +79,8 @@ int command_line(int argc, char** argv) {
   });
 
   ClaimArguments claim;
-  auto* claim_app = app.add_subcommand("claim", "Measure claims of the literature, and judge them");
-  claim_app->add_option("REGEX", claim.claims, "regular expression on claim ids; a leading - excludes; else all");
+  auto* claim_app = add_command("claim", "Measure claims of the literature, and judge them");
+  claim_app->add_option("REGEX", claim.claims, "regular expression on claim ids; after --, a leading - excludes; else all");
   add_set(claim_app, "value of a parameter of the selected claims");
   claim_app->add_option("--out", claim.out, "folder for the results; else ./kfstab-out/claim-REGEX")->envname("KFSTAB_OUT")->type_name("DIR");
   claim_app->add_option("--json", claim.json, "the results as JSON into this file too; - for stdout, and nothing else there")
@@ -82,12 +92,12 @@ int command_line(int argc, char** argv) {
   });
 
   std::string demo_out;
-  auto* demo_app = app.add_subcommand("demo", "See a filter diverge, and the claims confirmed, in a minute");
+  auto* demo_app = add_command("demo", "See a filter diverge, and the claims confirmed, in a minute");
   demo_app->add_option("--out", demo_out, "folder for the results; else ./kfstab-out/demo")->envname("KFSTAB_OUT")->type_name("DIR");
   demo_app->callback([&] { exit_code = demo_command(demo_out); });
 
   std::string what;
-  auto* list_app = app.add_subcommand("list", "List the systems, filters and claims that come with kfstab");
+  auto* list_app = add_command("list", "List the systems, filters and claims that come with kfstab");
   list_app->add_option("WHAT", what, "systems, filters or claims; else all")
       ->check(CLI::IsMember({"systems", "filters", "claims"}));
   const auto add_format = [&format](CLI::App* command) {
@@ -100,6 +110,7 @@ int command_line(int argc, char** argv) {
 
   try {
     app.parse(argc, argv);
+    if (app.get_subcommands().empty()) throw CLI::RequiredError("A command");
   } catch (const CLI::ParseError& error) {
     // CLI11 has codes of its own, 100 and more; ours say 2 for all of them.
     return app.exit(error) == 0 ? Exit::ok : Exit::usage;
@@ -107,24 +118,38 @@ int command_line(int argc, char** argv) {
   return exit_code;
 }
 
+/// stderr may be full or gone as well; then there is nobody to tell.
+void complain(const std::string& message) { std::fputs(("kfstab: " + message + "\n").c_str(), stderr); }
+
 }  // namespace
 
 int main(int argc, char** argv) {
   kfstab::reports::ignore_file_signals();
   watch_for_interruption();
   try {
-    return command_line(argc, argv);
+    const int exit_code = command_line(argc, argv);
+    // A full disk or a reader that went away may show only now.
+    if (std::fflush(stdout) != 0) throw std::system_error(errno, std::generic_category());
+    return exit_code;
   } catch (const kfstab::properties::InputError& error) {
-    fmt::print(stderr, "kfstab: {}\n", error.what());
+    complain(error.what());
     return Exit::usage;
   } catch (const kfstab::reports::FileError& error) {
-    fmt::print(stderr, "kfstab: {}\n", error.what());
+    complain(error.what());
     return Exit::usage;
   } catch (const NothingSelected& error) {
-    fmt::print(stderr, "kfstab: {}\n", error.what());
+    complain(error.what());
     return Exit::nothing;
+  } catch (const std::system_error& error) {
+    // What fmt throws when it cannot write.
+    if (std::ferror(stdout) == 0 && std::ferror(stderr) == 0) {
+      complain(fmt::format("a fault of kfstab itself: {}", error.what()));
+      return Exit::fault;
+    }
+    complain(fmt::format("cannot write standard output: {}", error.code().message()));
+    return Exit::usage;
   } catch (const std::exception& error) {
-    fmt::print(stderr, "kfstab: a fault of kfstab itself: {}\n", error.what());
+    complain(fmt::format("a fault of kfstab itself: {}", error.what()));
     return Exit::fault;
   }
 }
