@@ -1,9 +1,9 @@
 #pragma once
 
+#include <algorithm>
 #include <cmath>
-#include <stdexcept>
+#include <limits>
 #include <utility>
-#include <vector>
 
 #include <kfstab/reference/definiteness.hpp>
 #include <kfstab/reference/high_precision.hpp>
@@ -245,6 +245,16 @@ double condition(const Matrix<T>& X, const Matrix<T>& X_inverse) {
   if (X.size() == 0) return 1;
   const double k = reference::round_to_double(T(two_norm(X) * two_norm(X_inverse)));
   return k < 1 ? 1 : k;
+}
+
+/// e with ||X||_F <= 2^e, too large by a few units at most; -infinity for X = 0. Costs no arithmetic.
+template <class Derived>
+double magnitude(const Eigen::MatrixBase<Derived>& X) {
+  double exponent = -std::numeric_limits<double>::infinity();
+  for (Index j = 0; j < X.cols(); ++j)
+    for (Index i = 0; i < X.rows(); ++i)
+      if (X(i, j) != 0) exponent = std::max(exponent, static_cast<double>(mpfr_get_exp(X(i, j).backend().data())));
+  return exponent + std::log2(static_cast<double>(X.size() + 1)) / 2;
 }
 
 /// Whole decimal digits to which a relative error vouches: floor(-log10). Rounds to the pessimistic side.

@@ -149,12 +149,13 @@ class LockstepOf final : public Lockstep {
 
   template <int Cols>
   void agree_or_zero(const char* name, const Matrix<L, Dynamic, Cols>& low, const Matrix<H, Dynamic, Cols>& high,
-                     const H& scale, bool& is_zero) {
+                     double scale, bool& is_zero) {
     const int digits = agreement(low, high);
     if (digits < wanted_) {
       // Rounding of its terms in both precisions, at the level of each: it is zero.
-      is_zero = frobenius(high) <= H(scale * power_of_ten<H>(-static_cast<int>(High * 4 / 5))) &&
-                H(frobenius(low)) <= H(scale * power_of_ten<H>(-static_cast<int>(Low * 4 / 5)));
+      const double bits_of_a_digit = std::log2(10.0);
+      is_zero = magnitude(high) <= scale - 0.8 * High * bits_of_a_digit &&
+                magnitude(low) <= scale - 0.8 * Low * bits_of_a_digit;
       if (is_zero) return;
     }
     record(name, digits);

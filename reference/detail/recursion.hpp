@@ -1,7 +1,10 @@
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
+#include <limits>
 #include <memory>
+#include <string>
 
 #include <kfstab/reference/detail/numbers.hpp>
 #include <kfstab/reference/trajectory.hpp>
@@ -67,12 +70,18 @@ class Recursion {
     for (Index j = 0; j < n; ++j)
       for (Index i = 0; i < n; ++i) P_next(i, j) += m.BQB(i, j);
     perturb_symmetric(P_next);
-    F = product(m.A, J);
-    Ff = previous_ ? product(J, previous_->A) : J;
+    F = m.A;
+    subtract(F, product(K, m.C));
+    if (previous_) {
+      Ff = previous_->A;
+      subtract(Ff, product(Kf, product(m.C, previous_->A)));
+    } else {
+      Ff = J;
+    }
 
-    Kf_scale = frobenius(P_predicted) * frobenius(m.C) * frobenius(Re_inverse);
-    K_scale = frobenius(m.A) * Kf_scale;
-    F_scale = frobenius(m.A) + K_scale * frobenius(m.C);
+    Kf_scale = magnitude(P_predicted) + magnitude(m.C) + magnitude(Re_inverse);
+    K_scale = magnitude(m.A) + Kf_scale;
+    F_scale = std::max(magnitude(m.A), K_scale + magnitude(m.C)) + 1;
 
     if (with_data_) advance_state(m, *data);
     if (information_problem()) {
@@ -120,8 +129,8 @@ class Recursion {
 
   Matrix<T> P_predicted, P_filtered, P_next, Y, Y_previous, Re, Re_inverse, K, Kf, F, Ff;
   Vector<T> x_predicted, x_filtered, x_next;
-  /// The size of the terms whose sum each is: a sum far below is rounding, and stands for 0.
-  T K_scale = 0, Kf_scale = 0, F_scale = 0, x_filtered_scale = 0, x_next_scale = 0;
+  /// Of what magnitude the terms are whose sum each is (binary exponents): a sum far below is rounding, and stands for 0.
+  double K_scale = 0, Kf_scale = 0, F_scale = 0, x_filtered_scale = 0, x_next_scale = 0;
 
  private:
   void load() {
@@ -140,16 +149,16 @@ class Recursion {
     x_filtered = product(Kf, innovation);
     for (Index i = 0; i < n; ++i) x_filtered(i) += x_predicted(i);
     perturb(x_filtered);
-    x_filtered_scale =
-        frobenius(x_predicted) + frobenius(Kf) * (frobenius(y) + frobenius(m.C) * frobenius(x_predicted));
+    x_filtered_scale = std::max(magnitude(x_predicted),
+                                magnitude(Kf) + std::max(magnitude(y), magnitude(m.C) + magnitude(x_predicted))) +
+                       2;
     x_next = product(m.A, x_filtered);
-    x_next_scale = frobenius(m.A) * x_filtered_scale;
+    x_next_scale = magnitude(m.A) + x_filtered_scale;
     for (Index i = 0; i < n; ++i) {
       for (Index j = 0; j < u.size(); ++j) add_product(x_next(i), m.D(i, j), u(j), scratch);
       if (m.Bw.size() > 0) x_next(i) += m.Bw(i);
     }
-    if (u.size() > 0) x_next_scale += frobenius(m.D) * frobenius(u);
-    if (m.Bw.size() > 0) x_next_scale += frobenius(m.Bw);
+    x_next_scale = std::max({x_next_scale, magnitude(m.D) + magnitude(u), magnitude(m.Bw)}) + 2;
     perturb(x_next);
   }
 
