@@ -63,6 +63,10 @@ class PlainRecursion {
   /// @param state  empty in a run without data
   Judgement judge(const Exact& held, const Exact& gain, const Exact& state) const;
 
+  /// Of e'e, the sum of squares that the last step of an information filter left over, which is the innovation's,
+  /// (y - C x)' Re^{-1} (y - C x). The bound is that of one step: what came in is taken for exact.
+  Deviation judge_residual(double e_squared) const;
+
   /// Rounded to double.
   Matrix<double> covariance() const;
   Matrix<double> gain() const;

@@ -160,6 +160,8 @@ struct PlainRecursion::Run {
 
   // Bounds of the errors that the filter holds now: of P or of T'T, of the gain, of x.
   double e_held = 0, e_gain = 0, e_state = 0;
+  Real innovation_square = 0;
+  double e_residual = 0;
 
   Run(const Metadata& judged, double roundoff) : filter(judged), unit(roundoff) {}
 
@@ -178,6 +180,7 @@ struct PlainRecursion::Run {
     if (y) {
       innovation = Dense(*y) - now.C * x;
       xf = x + Kf * innovation;
+      if (now.C.rows > 0) innovation_square = (transposed(innovation) * Re_inverse * innovation)(0, 0);
     }
     if (filter.takes == Parametrisation::information)
       information_bounds(k, Pf_before, xf_before, y);
@@ -291,6 +294,9 @@ struct PlainRecursion::Run {
       const double solved = t_next * std::sqrt(pf) * norm(xf);  // T+ x = xi by substitution
       e_state = state_in + gain_of_information * e_held +
                 unit * (std::sqrt(pf) * residual + pf * array * residual + solved);
+      // e changes by the perturbed array times the solution, and by the perturbed array's answer to e.
+      const double e = std::sqrt(static_cast<double>(innovation_square));
+      e_residual = 2 * e * unit * (residual + std::sqrt(pf) * array * e) + square(unit * residual);
     }
     e_held = amplification * e_held + unit * 2 * t_next * array;
     e_gain = square(pf) * e_held * c * square(r_root) + unit * (1 + trace_Y * pf) * pf * c * square(r_root);
@@ -339,6 +345,10 @@ Judgement PlainRecursion::judge(const Exact& held, const Exact& gain, const Exac
   result.gain = {norm(sum(gain) - (run.filter.gain == GainKind::predictor ? run.K : run.Kf)), run.e_gain};
   if (!state.empty()) result.state = {norm(sum(state) - (run.predicts() ? run.x : run.xf)), run.e_state};
   return result;
+}
+
+Deviation PlainRecursion::judge_residual(double e_squared) const {
+  return {std::abs(static_cast<double>(Real(e_squared) - run_->innovation_square)), run_->e_residual};
 }
 
 Matrix<double> PlainRecursion::covariance() const { return (run_->predicts() ? run_->P : run_->Pf).rounded(); }
