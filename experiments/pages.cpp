@@ -45,16 +45,21 @@ reports::Figure run_figure(const SystemRun& run, const std::string& prefix, cons
   return figure;
 }
 
-/// The envelope of the figure: the widest bound that any of the filters has, step by step.
-void add_bound(reports::Figure& figure, const SystemRun& run) {
-  const FilterRun* widest = nullptr;
-  for (const FilterRun& f : run.filters)
-    if (!f.refused && f.bound.count() > 0 && (!widest || f.bound.last() > widest->bound.last())) widest = &f;
-  if (!widest) return;
-  auto points = widest->bound.points();
-  figure.curves.insert(figure.curves.begin(),
-                       {"bound", fmt::format("bound for {}", widest->metadata->id), std::move(points.step),
-                        std::move(points.value), reports::CurveRole::envelope, -1});
+/// The first-order bounds: as the envelope that of the filters that hold P, or whichever there is; as lines the others.
+/// All that hold the same have the same bound.
+void add_bounds(reports::Figure& figure, const SystemRun& run) {
+  for (const Held held : {Held::covariance, Held::covariance_factor, Held::information_factor}) {
+    const FilterRun* widest = nullptr;
+    for (const FilterRun& f : run.filters)
+      if (!f.refused && f.metadata->holds == held && (!widest || f.bound.count() > widest->bound.count())) widest = &f;
+    if (!widest || widest->bound.count() == 0) continue;
+    const char* name = held == Held::covariance ? "P" : held == Held::covariance_factor ? "S" : "T";
+    const bool envelope = figure.curves.empty() || figure.curves.front().role != reports::CurveRole::envelope;
+    auto points = widest->bound.points();
+    reports::Curve curve{fmt::format("bound-{}", name), fmt::format("bound, holding {}", name), std::move(points.step),
+                         std::move(points.value), envelope ? reports::CurveRole::envelope : reports::CurveRole::theory, -1};
+    figure.curves.insert(envelope ? figure.curves.begin() : figure.curves.end(), std::move(curve));
+  }
 }
 
 }  // namespace
@@ -67,15 +72,17 @@ reports::Table run_table(const SystemRun& run) {
   table.header = {"filter", "P: end", "worst", "K: end", "worst", "x: end", "worst", "asymmetry", "min eig", "P < 0 at", "digits",
                   "us/step"};
   table.alignment = {left, right, right, right, right, right, right, right, right, right, right, right};
+  // A column that most runs do not need.
+  const bool broken = std::ranges::any_of(run.filters, [](const FilterRun& f) { return f.first_failure.has_value(); });
+  if (broken) table.header.push_back("broke down");
   for (const FilterRun& f : run.filters) {
     if (f.refused) {
       table.rows.push_back({std::string(f.metadata->id), "refused: " + *f.refused});
       continue;
     }
     const bool state = f.state_error.count() > 0;
-    const std::string failure = f.first_failure ? fmt::format("{} at {}", name(f.failure), *f.first_failure) : "";
-    if (f.covariance_error.count() == 0) {
-      table.rows.push_back({std::string(f.metadata->id), failure});
+    if (f.covariance_error.count() == 0 && !f.first_failure) {
+      table.rows.push_back({std::string(f.metadata->id)});  // no step was done
       continue;
     }
     table.rows.push_back({std::string(f.metadata->id), short_number(f.covariance_error.last()),
@@ -84,7 +91,8 @@ reports::Table run_table(const SystemRun& run) {
                           state ? short_number(f.state_error.largest()) : "-", short_number(f.asymmetry.largest()),
                           short_number(f.smallest_eigenvalue.smallest()),
                           f.first_indefinite ? fmt::format("{}", *f.first_indefinite) : "never",
-                          fmt::format("{:.1f}", f.correct_digits), seconds_text(f.seconds_per_step)});
+                          std::isnan(f.correct_digits) ? "-" : fmt::format("{:.1f}", f.correct_digits), seconds_text(f.seconds_per_step)});
+    if (f.first_failure) table.rows.back().push_back(fmt::format("{} at {}", name(f.failure), *f.first_failure));
   }
   return table;
 }
@@ -109,27 +117,21 @@ reports::Document run_document(const std::vector<SystemRun>& runs) {
       section.blocks.push_back(reports::Paragraph{
           fmt::format("Interrupted after {} of {} steps: what follows is of the steps done.", run.steps_done, run.steps_asked)});
     if (run.reference_error)
-      section.blocks.push_back(reports::Paragraph{fmt::format("The reference has no answer at step {}: {}.", run.steps_done, *run.reference_error)});
+      section.blocks.push_back(reports::Paragraph{fmt::format("The reference has no answer: {}. What follows is of the steps before.", *run.reference_error)});
     section.blocks.push_back(run_table(run));
-    bool breakdown = false;
-    std::string ends;
-    for (const FilterRun& f : run.filters)
-      if (f.first_failure) {
-        breakdown = true;
-        ends += fmt::format(" {} at step {} ({}).", f.metadata->id, *f.first_failure, name(f.failure));
-      }
-    if (breakdown) section.blocks.push_back(reports::Paragraph{"Broken down, and not stepped on:" + ends});
     section.blocks.push_back(reports::Paragraph{
         "P is the covariance that a filter holds (predicted; filtered for srif), K its gain, x its state: relative errors in the "
         "Frobenius norm. Asymmetry is ||P - P'||/2 relative to P, min eig the smallest eigenvalue of its symmetric part over the "
-        "run, P < 0 the first step at which that was exactly not positive semidefinite, digits the correct ones of P at the end."});
+        "run, P < 0 the first step at which that was exactly not positive semidefinite, digits the correct ones of P at the end. A filter "
+        "that broke down was not stepped on."});
 
     const std::string& prefix = section.anchor;
     auto error = run_figure(run, prefix, "covariance-error", "Relative error of P",
-                            "How far is each filter's P from the true one? The grey region is the first-order bound of the form "
-                            "with the widest one: errors inside it are what theory excuses, outside it something else grows.",
+                            "How far is each filter's P from the true one? The grey region is the first-order bound for filters that "
+                            "hold P, the dashed lines those for filters that hold a factor S or T: errors below are what theory "
+                            "excuses, above them something else grows.",
                             "relative error of P", true, &FilterRun::covariance_error);
-    add_bound(error, run);
+    add_bounds(error, run);
     section.blocks.push_back(std::move(error));
     section.blocks.push_back(run_figure(run, prefix, "gain-error", "Relative error of the gain",
                                         "How far is each filter's gain from the true one?", "relative error of K", true,
@@ -161,7 +163,7 @@ reports::Table verdict_table(const std::vector<ClaimResult>& results) {
 reports::Document claims_document(const std::vector<ClaimResult>& results) {
   reports::Document document;
   document.title = "What the literature claims of Kalman filters in floating point, measured";
-  document.subtitle = "Each verdict is computed from the checks below it; each criterion was fixed before anything was measured";
+  document.subtitle = "Each verdict is computed from the checks below it, each with its prediction and its criterion";
   document.context = context();
   for (const ClaimResult& r : results) {
     reports::Section section;

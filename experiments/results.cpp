@@ -84,9 +84,12 @@ json filter_json(const FilterRun& f) {
 
 }  // namespace
 
-std::string run_json(const std::vector<SystemRun>& runs, std::optional<std::uint64_t> seed) {
+std::string run_json(const std::vector<SystemRun>& runs) {
   json root{{"schema", "kfstab.run/1"}, {"context", context_json()}};
-  root["context"]["seed"] = seed ? json(*seed) : json();
+  // The context's seed is that of the first system that draws its data; each system states its own.
+  root["context"]["seed"] = nullptr;
+  for (const SystemRun& r : runs)
+    if (r.seed && root["context"]["seed"].is_null()) root["context"]["seed"] = *r.seed;
   root["systems"] = json::array();
   for (const SystemRun& r : runs) {
     json object{{"name", r.name}, {"description", r.description}, {"source", r.source}};
@@ -94,6 +97,7 @@ std::string run_json(const std::vector<SystemRun>& runs, std::optional<std::uint
     object["m"] = r.dimensions.m;
     object["p"] = r.dimensions.p;
     object["parameters"] = r.parameters;
+    object["seed"] = r.seed ? json(*r.seed) : json();
     object["steps"] = r.steps_done;
     object["steps_asked"] = r.steps_asked;
     object["interrupted"] = r.interrupted;

@@ -1,8 +1,6 @@
 #pragma once
 
-#include <cstdint>
 #include <map>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -14,7 +12,7 @@
 namespace kfstab::experiments {
 
 /// Schema kfstab.run/1.
-std::string run_json(const std::vector<SystemRun>& runs, std::optional<std::uint64_t> seed);
+std::string run_json(const std::vector<SystemRun>& runs);
 
 /// Schema kfstab.claims/1. parameters: what was set for all.
 std::string claims_json(const std::vector<ClaimResult>& results, const std::map<std::string, double>& parameters);

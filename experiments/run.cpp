@@ -10,6 +10,7 @@
 
 #include <kfstab/experiments/interruption.hpp>
 #include <kfstab/filters/registry.hpp>
+#include <kfstab/properties/data.hpp>
 #include <kfstab/reference/bounds.hpp>
 #include <kfstab/reference/trajectory.hpp>
 
@@ -115,6 +116,7 @@ SystemRun run(const properties::System& system, const std::vector<const Metadata
   result.dimensions = system.dimensions();
   result.parameters = system.parameters;
   result.steps_asked = system.steps;
+  if (const auto* simulated = dynamic_cast<const properties::Simulated*>(system.data.get())) result.seed = simulated->seed();
 
   std::map<Parametrisation, Course> courses;
   std::vector<Runner> runners;

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <limits>
 #include <map>
 #include <optional>
 #include <string>
@@ -30,7 +31,7 @@ struct FilterRun {
   Series bound;  ///< of covariance_error, to first order
 
   /// Of P at the last step.
-  double correct_digits = 0;
+  double correct_digits = std::numeric_limits<double>::quiet_NaN();
   std::optional<std::int64_t> first_indefinite;  ///< first step at which P was not positive semidefinite
   std::optional<std::int64_t> first_failure;     ///< step that the filter could not do; it was not stepped on
   Status failure = Status::ok;
@@ -42,6 +43,7 @@ struct SystemRun {
   std::string name, description, source;
   Dimensions dimensions;
   std::map<std::string, double> parameters;
+  std::optional<std::uint64_t> seed;  ///< of simulated data
   std::int64_t steps_asked = 0;
   std::int64_t steps_done = 0;
   bool interrupted = false;

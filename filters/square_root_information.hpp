@@ -18,8 +18,8 @@ namespace kfstab {
 /// invertible, Q, R and P0 positive definite. A weak prior, even T = 0 in some directions, costs it nothing; what it
 /// loses is the condition number of A, in A^{-1}. Judge it against P_{k|k}, never P_{k|k-1}.
 ///
-/// Source: SLICOT FB01SD, whose Z is this z, the mean of -w. Operations 7/6 n^3 + n^2 (7m/2 + p) + n (p^2/2 + m^2), and
-/// n^2 p for the gain.
+/// Source: SLICOT FB01SD, whose Z is this z, the mean of -w. Operations 7/6 n^3 + n^2 (5m/2 + p) + n (p^2/2 + m^2), and
+/// n^2 p for the gain (FB01SD's 7m/2 forms A^{-1} B, too).
 template <class S, int N = Dynamic, int M = Dynamic, int P = Dynamic>
 class SquareRootInformationFilter {
  public:

@@ -18,9 +18,10 @@ namespace kfstab {
 ///     cp        (iv)   Re = R + V C'   K = A V' Re^{-1}    P+ = A P A' - K V A'  + B Q B'
 ///     downdate  (v)    Re = R + C U    Kf = U Re^{-1}      P+ = A (P - Kf U') A' + B Q B'        theory (3.i)-(3.v)
 ///
-/// an asymmetry D = P - P' of rounding size goes into the next step by a different map in each: (i) damps it as it damps
-/// any error, the others let it grow by the unstable modes of A. Re is used as computed, unsymmetric, by LU: a Cholesky
-/// factorisation would read one triangle, and change the map (theory (3.8)).
+/// an asymmetry D = P - P' of rounding size goes into the next step by a different map in each. (i) damps it as it damps
+/// any error. With one output the others let it grow by the product of the two largest moduli of A's eigenvalues, (ii)
+/// by more, even for a stable A; with several outputs (iv) and (v) can grow for a stable A too. Re is used as computed,
+/// unsymmetric, by LU: a Cholesky factorisation would read one triangle, and change the map (theory (3.8)).
 ///
 /// Source: Verhaegen and Van Dooren, IEEE TAC 31 (1986) 907-917; the maps derived in docs/theory.md, after them.
 template <Asymmetry coding, class S, int N = Dynamic, int M = Dynamic, int P = Dynamic>

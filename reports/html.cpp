@@ -109,8 +109,8 @@ class BlockData {
     data rows = list();
     for (const Check& check : block.checks)
       rows << object({{"name", check.name},
-                      {"predicted", short_number(check.predicted, 3)},
-                      {"measured", short_number(check.measured, 3)},
+                      {"predicted", short_number(check.predicted, 5)},
+                      {"measured", short_number(check.measured, 5)},
                       {"outcome", check.holds ? "holds" : "fails"},
                       {"answer", check.holds ? "yes" : "no"},
                       {"criterion", if_any(check.criterion)}});

@@ -123,8 +123,8 @@ std::string render_text(const Checks& checks, bool color) {
   std::string text;
   for (const Check& check : checks.checks) {
     text += colored(check.holds ? "ok  " : "FAIL", check.holds ? green : red, color);
-    text += fmt::format("  {}  predicted {:>9}  measured {:>9}", padded(check.name, name_width, Alignment::left),
-                        short_number(check.predicted, 3), short_number(check.measured, 3));
+    text += fmt::format("  {}  predicted {:>10}  measured {:>10}", padded(check.name, name_width, Alignment::left),
+                        short_number(check.predicted, 5), short_number(check.measured, 5));
     text += check.criterion.empty() ? "\n" : fmt::format("\n      {}\n", check.criterion);
   }
   return text;

@@ -47,10 +47,14 @@ int demo_command(const std::string& out) {
   if (divergence != results.end()) {
     const auto plot = reports::text_plot(two_filters(*divergence), 100, 28);
     output.print(plot.text.empty() ? fmt::format("(no plot: {})\n", plot.warning) : plot.text);
-    output.print(
+    const auto growth = std::ranges::find_if(divergence->findings.checks, [](const reports::Check& check) {
+      return check.name.starts_with("ckf-gain: growth");
+    });
+    output.print(fmt::format(
         "\nckf-gain, P+ = A P A' - K Re K' + B Q B', and srcf, which holds a square root of P, are the same filter on paper.\n"
-        "In floating point the first rounding that makes P unsymmetric grows by |l1 l2| = 1.103 a step, the two largest\n"
-        "eigenvalue moduli of A multiplied, until no digit is left; srcf cannot lose symmetry and keeps every digit.\n\n");
+        "In floating point the first rounding that makes P unsymmetric grew by {:.4f} a step; theory says {:.4f}, the product\n"
+        "of the two largest eigenvalue moduli of A. srcf cannot lose symmetry.\n\n",
+        growth->measured, growth->predicted));
   }
   output.print(reports::render_text(verdict_table(results)));
   output.print(fmt::format("\nThe report, with every figure: {}\n", (output.folder() / "index.html").string()));

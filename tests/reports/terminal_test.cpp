@@ -55,9 +55,9 @@ TEST(TextVerdict, IsColoredOnlyIfAsked) {
 TEST(TextChecks, SayBothNumbersAndTheCriterion) {
   const Checks checks{{{"slope", 0.5, 0.498, "within 10 %", true}, {"growth κ", 0, 2.34e-14, "", false}}};
   EXPECT_EQ(render_text(checks),
-            "ok    slope     predicted       0.5  measured     0.498\n"
+            "ok    slope     predicted        0.5  measured      0.498\n"
             "      within 10 %\n"
-            "FAIL  growth κ  predicted         0  measured  2.34e-14\n");
+            "FAIL  growth κ  predicted          0  measured   2.34e-14\n");
   EXPECT_NE(render_text(checks, true).find("\x1b[31mFAIL\x1b[0m"), std::string::npos);
   EXPECT_EQ(render_text(Checks{}), "");
 }
