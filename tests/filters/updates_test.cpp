@@ -158,13 +158,6 @@ void fixed_follows(const char* id) {
   }
 }
 
-template <int N, int M, int P>
-void every_fixed_filter_follows() {
-  fixed_follows<ConventionalFilter<double, N, M, P>, CovarianceModel<double>>("ckf");
-  fixed_follows<SquareRootCovarianceFilter<double, N, M, P>, RootModel<double>>("srcf");
-  fixed_follows<SquareRootInformationFilter<double, N, M, P>, InformationModel<double>>("srif");
-}
-
 }  // namespace
 
 std::span<const std::string_view> split_filters() { return split; }
@@ -264,10 +257,11 @@ TEST(Updates, WithoutDataLeaveTheStateAndTheSameCovariance) {
 }
 
 TEST(FixedSizes, FollowTheRecursionAsDynamicOnesDo) {
-  every_fixed_filter_follows<1, 1, 1>();
-  every_fixed_filter_follows<2, 1, 3>();
-  every_fixed_filter_follows<3, 2, 1>();
-  every_fixed_filter_follows<4, 2, 2>();
+  fixed_follows<SquareRootCovarianceFilter<double, 1, 1, 1>, RootModel<double>>("srcf");
+  fixed_follows<SquareRootCovarianceFilter<double, 2, 1, 3>, RootModel<double>>("srcf");
+  fixed_follows<SquareRootCovarianceFilter<double, 4, 2, 2>, RootModel<double>>("srcf");
+  fixed_follows<ConventionalFilter<double, 2, 1, 3>, CovarianceModel<double>>("ckf");
+  fixed_follows<SquareRootInformationFilter<double, 3, 2, 1>, InformationModel<double>>("srif");
 }
 
 TEST(SquareRootCovarianceFilter, ShowsARootOfTheInnovationCovariance) {
