@@ -40,7 +40,11 @@ Matrix<double> lower_solve(const Matrix<double>& L, Matrix<double> X) {
   return X;
 }
 
-Matrix<double> multiply(const Matrix<double>& X, const Matrix<double>& Y) { return X.lazyProduct(Y); }
+Matrix<double> multiply(const Matrix<double>& X, const Matrix<double>& Y) {
+  // Eigen steps through the null pointer of an empty matrix
+  if (X.cols() == 0) return Matrix<double>::Zero(X.rows(), Y.cols());
+  return X.lazyProduct(Y);
+}
 
 Matrix<double> symmetrise(const Matrix<double>& X) { return (X + X.transpose()) / 2; }
 
