@@ -14,7 +14,7 @@ namespace kfstab::reference {
 ///     W_{k+1} = F W_k F' + delta_k I,   -W <= dP <= W (as quadratic forms),   so ||dP||_F / ||P||_F <= ||W||_F /
 ///     ||P||_F.
 ///
-/// Local errors, theory (4), with u (n + m + p) for their constant:
+/// Local errors, theory (4.1)-(4.3), added up by (4.4), with u (n + m + p) for their constant:
 ///     held P   delta = u (n+m+p) k(Re) / cos^2 ||P+||_2
 ///     held S   delta = 2 u (n+m+p) (1 + k(Re)^{1/2}) / cos ||P+||_2      (of S, hence twice of P)
 ///     held T   -d(P^{-1}) within 2 u (n+m+p) {bracket} / cos3 ||P^{-1}||_2 I, mapped to P:  delta I becomes delta P P,
@@ -34,7 +34,7 @@ class FirstOrderBound {
   Matrix<double> W_;
 };
 
-/// What a coding of the covariance filter makes of an asymmetry D = P - P' in one step, to first order, theory (3):
+/// What a coding of the covariance filter makes of an asymmetry D = P - P' in one step, to first order, theory (3.i)-(3.v), (3.8):
 ///
 ///                Re as computed (LU)           one triangle of Re (Cholesky)
 ///     textbook   F D F'                        F D F' - KC D (KC)'

@@ -75,7 +75,7 @@ enum class Quantity { P_predicted, P_filtered, P_next, innovation, predictor_gai
 ///
 /// It starts from the very numbers of the Problem, read exactly: P0, Q, R as they stand; from roots S0 S0' and so on,
 /// reading lower triangles alone; from an information problem A = (A^{-1})^{-1}, B = A (A^{-1} B), Q, R and P0 from
-/// upper triangles, E w through w_mean. Then, theory (1):
+/// upper triangles, E w through w_mean. Then, theory (1.2) with (2.2):
 ///
 ///     Re = R + C P C',  Kf = P C' Re^{-1},  P_{k|k} = (I - Kf C) P (I - Kf C)' + Kf R Kf',  P+ = A P_{k|k} A' + B Q
 ///     B', x_{k|k} = x + Kf (y - C x),  x+ = A x_{k|k} + B E w + D u.

@@ -188,7 +188,7 @@ TEST(FirstOrderBound, CoversTheInformationFilter) {
   }
 }
 
-/// Nearly parallel measurements: k(Re) = 12 / d^2. The covariance filter pays k(Re), the root filter its square root.
+/// Nearly parallel measurements: k(Re) = 4.5 / d^2. The covariance filter pays k(Re), the root filter its square root.
 TEST(FirstOrderBound, GrowsWithTheConditionAsTheoryHasIt) {
   double previous_P = 0, previous_S = 0;
   for (int j = 4; j <= 16; j += 4) {

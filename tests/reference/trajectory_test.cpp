@@ -69,7 +69,7 @@ TEST(Trajectory, ClosedFormsOfDyerAndMcReynoldsToAllCertifiedDigits) {
     }
     climbed = climbed || trajectory.working_digits() > 100;
   }
-  // k(Re) reaches 12 / d^2 = 1e31, which 50 digits cannot lose and keep 30.
+  // k(Re) reaches 4.5 / d^2 = 6e30, which 50 digits cannot lose and keep 30.
   EXPECT_TRUE(climbed);
 }
 
@@ -274,7 +274,7 @@ TEST(Trajectory, ClimbsFromAPrecisionThatIsTooSmall) {
 }
 
 TEST(Trajectory, ASmallPrecisionCertifiesNoMoreThanItHas) {
-  // One digit asked for: 20 and 50 digits do, and k(Re) = 12 / d^2 takes its share of the 20.
+  // One digit asked for: 20 and 50 digits do, and k(Re) = 4.5 / d^2 takes its share of the 20.
   const AnyProblem<double> problem = dyer_mcreynolds(12);
   Trajectory trajectory(problem, nullptr, 1, 20);
   trajectory.advance();
