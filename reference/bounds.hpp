@@ -34,7 +34,8 @@ class FirstOrderBound {
   Matrix<double> W_;
 };
 
-/// What a coding of the covariance filter makes of an asymmetry D = P - P' in one step, to first order, theory (3.i)-(3.v), (3.8):
+/// What a coding of the covariance filter makes of an asymmetry D = P - P' in one step, to first order, theory
+/// (3.i)-(3.v) and (3.8):
 ///
 ///                Re as computed (LU)           one triangle of Re (Cholesky)
 ///     textbook   F D F'                        F D F' - KC D (KC)'

@@ -26,7 +26,8 @@ class Recursion {
   };
 
   /// perturbed: each intermediate result is moved by 1 to 1024 units in its last place, at random but always the same.
-  /// That many, so that sums and differences of moved numbers do not cancel the moves: three digits for a chance of 1e-3.
+  /// That many, so that sums and differences of moved numbers do not cancel the moves: three digits, for a chance of
+  /// 1e-3.
   Recursion(const AnyProblem<double>& problem, bool with_data, bool perturbed)
       : problem_(&problem), with_data_(with_data), perturbed_(perturbed) {
     P_next = read_initial<T>(problem);
@@ -129,7 +130,8 @@ class Recursion {
 
   Matrix<T> P_predicted, P_filtered, P_next, Y, Y_previous, Re, Re_inverse, K, Kf, F, Ff;
   Vector<T> x_predicted, x_filtered, x_next;
-  /// Of what magnitude the terms are whose sum each is (binary exponents): a sum far below is rounding, and stands for 0.
+  /// Of what magnitude the terms are whose sum each is (binary exponents): a sum far below is rounding, and stands
+  /// for 0.
   double K_scale = 0, Kf_scale = 0, F_scale = 0, x_filtered_scale = 0, x_next_scale = 0;
 
  private:
