@@ -29,7 +29,7 @@ reports::Verdict ClaimResult::verdict() const {
   return measured ? reports::Verdict::confirmed : reports::Verdict::inconclusive;
 }
 
-ClaimResult run_claim(const Claim& claim, const std::map<std::string, double>& set) {
+Settings settings_of(const Claim& claim, const std::map<std::string, double>& set) {
   std::map<std::string, double> values;
   for (const Parameter& parameter : claim.parameters) {
     const auto given = set.find(parameter.name);
@@ -44,7 +44,11 @@ ClaimResult run_claim(const Claim& claim, const std::map<std::string, double>& s
     }
     values[parameter.name] = value;
   }
-  ClaimResult result{claim, Settings(values), {}, 0};
+  return Settings(values);
+}
+
+ClaimResult run_claim(const Claim& claim, const std::map<std::string, double>& set) {
+  ClaimResult result{claim, settings_of(claim, set), {}, 0};
   const auto begin = std::chrono::steady_clock::now();
   result.findings = claim.measure(result.settings);
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();

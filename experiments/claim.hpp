@@ -67,8 +67,11 @@ struct ClaimResult {
 /// All claims, in the order of the ledger.
 std::vector<Claim> all_claims();
 
-/// Runs a claim with its own parameters out of `set` and the defaults for the others. Throws properties::InputError for a
-/// value out of range.
+/// A claim's own parameters out of `set`, and the defaults for the others. Throws properties::InputError for a value out of
+/// range.
+Settings settings_of(const Claim& claim, const std::map<std::string, double>& set);
+
+/// Runs a claim with settings_of(claim, set).
 ClaimResult run_claim(const Claim& claim, const std::map<std::string, double>& set);
 
 /// A check that a measured value lies within a relative tolerance of the predicted one. Not finite: does not hold.

@@ -60,6 +60,7 @@ std::map<std::string, double> values_of(const SetArguments& set, const std::vect
 int claim_command(const ClaimArguments& arguments) {
   const auto selected = select_claims(arguments.claims);
   const auto set = values_of(arguments.set, selected);
+  for (const Claim& claim : selected) settings_of(claim, set);  // refuses what is out of range before any work
   Output output(arguments.out, arguments.claims.empty() ? "claim" : "claim-" + arguments.claims, arguments.json);
 
   std::vector<ClaimResult> results;
