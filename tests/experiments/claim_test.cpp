@@ -1,0 +1,278 @@
+#include <kfstab/experiments/claim.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <set>
+
+#include <gtest/gtest.h>
+
+#include <kfstab/properties/input_error.hpp>
+
+using namespace kfstab::experiments;
+using kfstab::reports::Check;
+using kfstab::reports::Verdict;
+
+namespace {
+
+constexpr double NaN = std::numeric_limits<double>::quiet_NaN();
+constexpr double inf = std::numeric_limits<double>::infinity();
+
+Verdict verdict_of(std::vector<Check> checks) {
+  ClaimResult result;
+  result.findings.checks = std::move(checks);
+  return result.verdict();
+}
+
+const Check good{"good", 1, 1, "", true}, bad{"bad", 1, 2, "", false}, unmeasured{"unmeasured", 1, NaN, "", false};
+
+/// A claim that measures nothing but what it is set to.
+Claim made_up() {
+  Claim claim;
+  claim.id = "made-up";
+  claim.parameters = {{"r", 1.5, "the radius", 1, 2}, {"n", 3, "the size", 1, 9}};
+  claim.measure = [](const Settings& set) {
+    return Findings{{check_within("r", set("r"), set("r"), 0), check_within("n", set("n"), set("n"), 0)}, {}};
+  };
+  return claim;
+}
+
+Claim claim_called(const std::string& id) {
+  for (const Claim& claim : all_claims())
+    if (claim.id == id) return claim;
+  throw std::invalid_argument("no " + id);
+}
+
+const Check& check_called(const ClaimResult& result, const std::string& start) {
+  for (const Check& check : result.findings.checks)
+    if (check.name.starts_with(start)) return check;
+  throw std::invalid_argument("no check " + start);
+}
+
+const kfstab::reports::Curve& curve_called(const kfstab::reports::Figure& figure, const std::string& id) {
+  for (const auto& curve : figure.curves)
+    if (curve.id == id) return curve;
+  throw std::invalid_argument("no curve " + id);
+}
+
+std::string failing(const ClaimResult& result) {
+  std::string text;
+  for (const Check& check : result.findings.checks)
+    if (!check.holds)
+      text += check.name + ": predicted " + std::to_string(check.predicted) + ", measured " +
+              std::to_string(check.measured) + ", " + check.criterion + "\n";
+  return text;
+}
+
+void expect_well_made(const ClaimResult& result) {
+  std::set<std::string> names, figures;
+  for (const Check& check : result.findings.checks) {
+    EXPECT_TRUE(std::isfinite(check.predicted)) << check.name;
+    EXPECT_FALSE(check.criterion.empty()) << check.name;
+    EXPECT_TRUE(names.insert(check.name).second) << check.name << " stands twice";
+  }
+  EXPECT_FALSE(result.findings.figures.empty());
+  for (const auto& figure : result.findings.figures) {
+    EXPECT_TRUE(figures.insert(figure.id).second) << figure.id << " stands twice";
+    EXPECT_FALSE(figure.title.empty() || figure.caption.empty() || figure.x.label.empty() || figure.y.label.empty())
+        << figure.id;
+    std::set<std::string> curves;
+    bool theory = false;
+    for (const auto& curve : figure.curves) {
+      EXPECT_TRUE(curves.insert(curve.id).second) << figure.id << ": " << curve.id << " stands twice";
+      EXPECT_FALSE(curve.x.empty()) << figure.id << ": " << curve.id;
+      EXPECT_EQ(curve.x.size(), curve.y.size()) << figure.id << ": " << curve.id;
+      theory = theory || curve.role == kfstab::reports::CurveRole::theory;
+    }
+    EXPECT_TRUE(theory || figure.id == "innovation-conditioning-units") << figure.id << " has no line of the theory";
+  }
+}
+
+}  // namespace
+
+TEST(Verdict, IsConfirmedIfAllHold) {
+  EXPECT_EQ(verdict_of({good}), Verdict::confirmed);
+  EXPECT_EQ(verdict_of({good, good}), Verdict::confirmed);
+}
+
+TEST(Verdict, IsRefutedIfOneFails) {
+  EXPECT_EQ(verdict_of({good, bad, good}), Verdict::refuted);
+  EXPECT_EQ(verdict_of({unmeasured, bad}), Verdict::refuted);
+  EXPECT_EQ(verdict_of({bad, unmeasured}), Verdict::refuted);
+  EXPECT_EQ(verdict_of({good, {"breakdown", 1, inf, "", false}}), Verdict::refuted);
+}
+
+TEST(Verdict, IsInconclusiveIfOneCouldNotBeMeasuredOrThereIsNone) {
+  EXPECT_EQ(verdict_of({}), Verdict::inconclusive);
+  EXPECT_EQ(verdict_of({good, unmeasured}), Verdict::inconclusive);
+  EXPECT_EQ(verdict_of({{"nan that says it holds", 1, NaN, "", true}, good}), Verdict::inconclusive);
+}
+
+TEST(Checks, CloseIsRelative) {
+  EXPECT_TRUE(check_close("a", 200, 201.9, .01).holds);
+  EXPECT_FALSE(check_close("a", 200, 202.1, .01).holds);
+  EXPECT_FALSE(check_close("a", 200, 197.9, .01).holds);
+  EXPECT_TRUE(check_close("a", -200, -201, .01).holds);
+  EXPECT_FALSE(check_close("a", -200, 200, .01).holds);
+  EXPECT_EQ(check_close("a", 200, 201, .01).criterion, "within 1 % of the prediction");
+}
+
+TEST(Checks, WithinIsAbsolute) {
+  EXPECT_TRUE(check_within("a", 2, 2.125, .125).holds);
+  EXPECT_FALSE(check_within("a", 2, 2.25, .125).holds);
+  EXPECT_FALSE(check_within("a", 2, 1.75, .125).holds);
+  EXPECT_NE(check_within("a", 2, 2, .125).criterion.find("0.125"), std::string::npos);
+}
+
+TEST(Checks, AtMostAndAtLeast) {
+  EXPECT_TRUE(check_at_most("a", 1, 1, "why").holds);
+  EXPECT_FALSE(check_at_most("a", 1, 1.5, "why").holds);
+  EXPECT_TRUE(check_at_least("a", 1, 1, "why").holds);
+  EXPECT_FALSE(check_at_least("a", 1, .5, "why").holds);
+  EXPECT_EQ(check_at_most("a", 1, 1, "why").criterion, "at most 1: why");
+  EXPECT_EQ(check_at_least("a", 1, 1, "why").criterion, "at least 1: why");
+}
+
+TEST(Checks, WhatIsNotFiniteDoesNotHold) {
+  for (const double measured : {NaN, inf}) {
+    EXPECT_FALSE(check_close("a", 1, measured, .01).holds) << measured;
+    EXPECT_FALSE(check_within("a", 1, measured, .01).holds) << measured;
+    EXPECT_FALSE(check_at_most("a", 1, measured, "").holds) << measured;
+  }
+  EXPECT_FALSE(check_at_least("a", 1, NaN, "").holds);
+  for (const double predicted : {NaN, inf, -inf}) {
+    EXPECT_FALSE(check_close("a", predicted, 1, .01).holds) << predicted;
+    EXPECT_FALSE(check_within("a", predicted, 1, .01).holds) << predicted;
+  }
+}
+
+TEST(RunClaim, UsesDefaultsAndWhatIsSet) {
+  const ClaimResult defaults = run_claim(made_up(), {});
+  EXPECT_EQ(defaults.settings("r"), 1.5);
+  EXPECT_EQ(check_called(defaults, "n").measured, 3);
+  EXPECT_EQ(defaults.verdict(), Verdict::confirmed);
+  EXPECT_GE(defaults.seconds, 0);
+  const ClaimResult set = run_claim(made_up(), {{"r", 2}, {"of another claim", 7}});
+  EXPECT_EQ(check_called(set, "r").measured, 2) << "the range's end is in it";
+  EXPECT_EQ(set.settings.values(), (std::map<std::string, double>{{"n", 3}, {"r", 2}}));
+}
+
+TEST(RunClaim, RefusesASettingOutOfRange) {
+  for (const double value : {.999, 2.001, NaN, inf, -inf}) {
+    try {
+      run_claim(made_up(), {{"r", value}});
+      ADD_FAILURE() << value << " passed";
+    } catch (const kfstab::properties::InputError& error) {
+      const std::string what = error.what();
+      EXPECT_EQ(what.find("--set: r: found "), 0u) << what;
+      EXPECT_NE(what.find("expected the radius of claim made-up from 1 to 2"), what.npos) << what;
+    }
+  }
+}
+
+TEST(AllClaims, AreInTheLedgersOrderAndSayWhatTheyAre) {
+  const auto claims = all_claims();
+  std::set<std::string> ids;
+  int number = 0;
+  for (const Claim& claim : claims) {
+    EXPECT_GT(claim.number, number) << claim.id;
+    number = claim.number;
+    EXPECT_TRUE(ids.insert(claim.id).second) << claim.id;
+    for (const std::string* text :
+         {&claim.title, &claim.statement, &claim.source, &claim.setup, &claim.prediction, &claim.meaning})
+      EXPECT_FALSE(text->empty()) << claim.id;
+    for (const Parameter& p : claim.parameters) {
+      EXPECT_FALSE(p.name.empty() || p.meaning.empty()) << claim.id;
+      EXPECT_TRUE(p.least <= p.value && p.value <= p.most) << claim.id << ": " << p.name;
+    }
+  }
+  for (const char* id : {"asymmetry-growth", "asymmetry-divergence", "innovation-conditioning", "dyer-mcreynolds"})
+    EXPECT_TRUE(ids.contains(id)) << id;
+}
+
+// The four claims, with fewer systems than by default; their randomness must not matter.
+
+TEST(Claims, AsymmetryGrowthIsConfirmedWhateverTheSeed) {
+  for (const double seed : {1, 100, 4711}) {
+    const auto result = run_claim(claim_called("asymmetry-growth"), {{"seed", seed}, {"systems", 3}});
+    EXPECT_EQ(result.verdict(), Verdict::confirmed) << "seed " << seed << "\n" << failing(result);
+    expect_well_made(result);
+  }
+}
+
+TEST(Claims, InnovationConditioningIsConfirmedWhateverTheSeed) {
+  for (const double seed : {1, 100, 4711}) {
+    const auto result = run_claim(claim_called("innovation-conditioning"), {{"seed", seed}, {"frames", 10}});
+    EXPECT_EQ(result.verdict(), Verdict::confirmed) << "seed " << seed << "\n" << failing(result);
+    expect_well_made(result);
+  }
+}
+
+TEST(Claims, AsymmetryDivergenceIsConfirmed) {
+  const auto result = run_claim(claim_called("asymmetry-divergence"), {});
+  EXPECT_EQ(result.verdict(), Verdict::confirmed) << failing(result);
+  expect_well_made(result);
+  // |l1 l2| of the rotating pair is its determinant, 1.02^2 + .25^2.
+  for (const char* id : {"ckf-gain", "ckf-cp", "ckf-downdate"})
+    EXPECT_NEAR(check_called(result, std::string(id) + ":").predicted, 1.02 * 1.02 + .0625, 1e-9) << id;
+  EXPECT_NEAR(check_called(result, "ckf-mixed: growth of the error per step, k").predicted, 2 * (1.02 * 1.02 + .0625),
+              1e-9);
+  for (const char* id : {"ckf:", "ckf-textbook:", "joseph:", "srcf:"})
+    EXPECT_NE(check_called(result, id).name.find("worst"), std::string::npos) << id;
+}
+
+TEST(Claims, DyerMcReynoldsIsConfirmed) {
+  const auto result = run_claim(claim_called("dyer-mcreynolds"), {{"steps", 5}});
+  EXPECT_EQ(result.verdict(), Verdict::confirmed) << failing(result);
+  expect_well_made(result);
+}
+
+// Predictions follow the parameters.
+
+TEST(Claims, AsymmetryGrowthFollowsRAndTheNumberOfSystems) {
+  const auto result = run_claim(claim_called("asymmetry-growth"), {{"r", 1.3}, {"systems", 2}});
+  EXPECT_EQ(result.verdict(), Verdict::confirmed) << failing(result);
+  // A is rounded to 20 bits: its determinant is r^2 to 2^-19 or so.
+  for (const char* coding : {"(iii)", "(iv)", "(v)"})
+    EXPECT_NEAR(check_called(result, std::string(coding) + " at r = 1.3: growth").predicted, 1.69, 1e-5) << coding;
+  check_called(result, "(iii), p = 2, 2 systems");
+  const auto& theory = curve_called(result.findings.figures.front(), "theory");
+  EXPECT_NEAR(theory.y[11] / theory.y[10], 1.69, 1e-5);
+  EXPECT_NEAR(theory.y[0], std::sqrt(2.) * 1e-12, 1e-20);
+}
+
+TEST(Claims, AsymmetryGrowthTakesAnRThatItMeasuresAnyway) {
+  for (const double r : {1.02, 1.1, 1.5}) {
+    const auto result = run_claim(claim_called("asymmetry-growth"), {{"r", r}, {"systems", 1}});
+    EXPECT_EQ(result.verdict(), Verdict::confirmed) << "r = " << r << "\n" << failing(result);
+    expect_well_made(result);
+  }
+}
+
+TEST(Claims, AsymmetryDivergenceFollowsItsSteps) {
+  const auto result = run_claim(claim_called("asymmetry-divergence"), {{"steps", 310}});
+  EXPECT_EQ(result.verdict(), Verdict::confirmed) << failing(result);
+  EXPECT_EQ(curve_called(result.findings.figures.front(), "srcf").x.back(), 309);
+  EXPECT_EQ(curve_called(result.findings.figures.front(), "theory").x.back(), 310);
+}
+
+TEST(Claims, InnovationConditioningFollowsItsDecadesAndFrames) {
+  const auto result = run_claim(claim_called("innovation-conditioning"), {{"decades", 4}, {"frames", 7}});
+  const auto& figure = result.findings.figures.front();
+  // k(Re^1/2) is near the ladder's 10^c.
+  const auto& x = curve_called(figure, "srcf").x;
+  EXPECT_EQ(x.size(), 9u);
+  EXPECT_NEAR(std::log10(x.back()), 4, .3);
+  EXPECT_NE(figure.caption.find("Medians of 7 random frames"), std::string::npos) << figure.caption;
+  EXPECT_EQ(check_called(result, "ckf: slope of the error of K").predicted, 2);
+  EXPECT_EQ(check_called(result, "srcf: slope of the error of K").predicted, 1);
+}
+
+TEST(Claims, DyerMcReynoldsFollowsItsSteps) {
+  const auto result = run_claim(claim_called("dyer-mcreynolds"), {{"steps", 1}});
+  const auto& figure = result.findings.figures.front();
+  EXPECT_NE(figure.caption.find("in 1 steps"), std::string::npos) << figure.caption;
+  EXPECT_EQ(curve_called(figure, "srcf").x.size(), 25u);
+  EXPECT_EQ(curve_called(figure, "srcf").x.front(), 16);
+  EXPECT_EQ(curve_called(figure, "srcf").x.back(), std::exp2(52));
+}

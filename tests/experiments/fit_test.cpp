@@ -1,0 +1,142 @@
+#include <kfstab/experiments/fit.hpp>
+
+#include <cmath>
+#include <limits>
+
+#include <gtest/gtest.h>
+
+using namespace kfstab::experiments;
+
+namespace {
+
+constexpr double NaN = std::numeric_limits<double>::quiet_NaN();
+constexpr double inf = std::numeric_limits<double>::infinity();
+
+/// y[k] = scale factor^k.
+std::vector<double> powers(double scale, double factor, int length) {
+  std::vector<double> y;
+  for (int k = 0; k < length; ++k) y.push_back(scale * std::pow(factor, k));
+  return y;
+}
+
+}  // namespace
+
+TEST(FitLine, ThroughPointsOfALineIsThatLine) {
+  const Line line = fit_line({-2, 0, 1, 5}, {8, 2, -1, -13});
+  EXPECT_DOUBLE_EQ(line.slope, -3);
+  EXPECT_DOUBLE_EQ(line.intercept, 2);
+  EXPECT_EQ(line.points, 4);
+}
+
+TEST(FitLine, LeastSquaresByHand) {
+  // Means 1 and 4/3: slope (1 * (1/3) + 1 * (5/3)) / 2.
+  const Line line = fit_line({0, 1, 2}, {1, 0, 3});
+  EXPECT_DOUBLE_EQ(line.slope, 1);
+  EXPECT_NEAR(line.intercept, 1. / 3, 4e-16);
+}
+
+TEST(FitLine, OfFewerThanTwoPointsHasNoSlope) {
+  EXPECT_TRUE(std::isnan(fit_line({}, {}).slope));
+  EXPECT_TRUE(std::isnan(fit_line({1}, {2}).slope));
+  EXPECT_EQ(fit_line({1}, {2}).points, 1);
+}
+
+TEST(FitLine, OfPointsAboveOneAnotherHasNoSlope) { EXPECT_FALSE(std::isfinite(fit_line({1, 1}, {0, 2}).slope)); }
+
+TEST(FitPower, SlopeIsTheExponent) {
+  std::vector<double> x, y;
+  for (double d = 1; d < 1e6; d *= 10) {
+    x.push_back(d);
+    y.push_back(1e-16 * d * d);
+  }
+  const Line line = fit_power(x, y, 0, 1);
+  EXPECT_NEAR(line.slope, 2, 1e-12);
+  EXPECT_NEAR(line.intercept, -16, 1e-12);
+}
+
+TEST(FitPower, TakesNothingFromOutsideTheWindow) {
+  // A floor below, a ceiling above: both ends of the window are left out.
+  const std::vector<double> x{1, 10, 100, 1e3, 1e4, 1e5};
+  const std::vector<double> y{1e-10, 1e-10, 1e-8, 1e-6, 1e-4, 1e-4};
+  const Line line = fit_power(x, y, 1e-10, 1e-4);
+  EXPECT_EQ(line.points, 2);
+  EXPECT_NEAR(line.slope, 2, 1e-12);
+}
+
+TEST(FitPower, IgnoresWhatIsNoNumber) {
+  const Line line = fit_power({1, 10, 100, 1e3, 1e4}, {1, NaN, 100, inf, 1e4}, .1, 1e300);
+  EXPECT_EQ(line.points, 3);
+  EXPECT_NEAR(line.slope, 1, 1e-12);
+}
+
+TEST(FitPower, OfNothingInTheWindowHasNoSlope) { EXPECT_TRUE(std::isnan(fit_power({1, 10}, {1, 10}, 20, 30).slope)); }
+
+TEST(Median, OddEvenAndOrder) {
+  EXPECT_EQ(median({3, 1, 2}), 2);
+  EXPECT_EQ(median({4, 1, 3, 2}), 2.5);
+  EXPECT_EQ(median({5}), 5);
+}
+
+TEST(Median, InfinitiesCount) {
+  EXPECT_EQ(median({1, inf, inf}), inf);
+  EXPECT_EQ(median({1, 2, inf}), 2);
+  EXPECT_EQ(median({1, 2, 3, inf}), 2.5);
+  EXPECT_EQ(median({1, inf}), inf);
+  EXPECT_EQ(median({-inf, 1}), -inf);
+  EXPECT_EQ(median({1, 2, inf, inf}), inf);
+  EXPECT_EQ(median({inf, inf}), inf);
+}
+
+TEST(Median, NanDoesNotCountAndNothingIsNan) {
+  EXPECT_EQ(median({NaN, 2, NaN, 4, 9}), 4);
+  EXPECT_TRUE(std::isnan(median({})));
+  EXPECT_TRUE(std::isnan(median({NaN})));
+}
+
+TEST(FitGrowth, OfAnExactPowerIsItsFactor) {
+  EXPECT_NEAR(fit_growth(powers(1e-12, 1.1, 200), 1e-13, 1e-4).factor, 1.1, 1e-13);
+  EXPECT_NEAR(fit_growth(powers(1e-5, .9, 50), 1e-13, 1e-4).factor, .9, 1e-13);
+}
+
+TEST(FitGrowth, WindowIsFromTheLastTimeBelowLowToTheFirstAboveHigh) {
+  // 20 steps of noise at 1e-15, 40 of growth from 1e-12 on, then a plateau at 1.
+  std::vector<double> y(20, 1e-15);
+  for (const double v : powers(1e-12, 1.5, 40)) y.push_back(v);
+  y.insert(y.end(), 100, 1.);
+  const Growth growth = fit_growth(y, 1e-13, 1e-3);
+  EXPECT_EQ(growth.first, 30);  // a quarter of the 40 is left out
+  EXPECT_EQ(growth.last, 60);
+  EXPECT_NEAR(growth.factor, 1.5, 1e-13);
+}
+
+TEST(FitGrowth, ADipBelowLowStartsTheWindowAnew) {
+  std::vector<double> y = powers(1e-12, 1.2, 60);
+  y[19] = 1e-20;
+  const Growth growth = fit_growth(y, 1e-13, 1);
+  EXPECT_EQ(growth.first, 20 + (60 - 20) / 4);
+  EXPECT_NEAR(growth.factor, 1.2, 1e-13);
+}
+
+TEST(FitGrowth, ATransientInTheFirstQuarterDoesNotColourIt) {
+  std::vector<double> y = powers(1e-12, 1.2, 80);
+  for (std::size_t k = 0; k < 20; ++k) y[k] *= 1 + 5 / (1. + static_cast<double>(k));
+  EXPECT_NEAR(fit_growth(y, 1e-13, 1).factor, 1.2, 1e-13);
+}
+
+TEST(FitGrowth, NanAndInfinityEndTheWindow) {
+  for (const double end : {NaN, inf}) {
+    std::vector<double> y = powers(1e-12, 1.2, 60);
+    y[40] = end;
+    const Growth growth = fit_growth(y, 1e-13, 1);
+    EXPECT_EQ(growth.last, 40);
+    EXPECT_NEAR(growth.factor, 1.2, 1e-13);
+  }
+}
+
+TEST(FitGrowth, NeedsEightPoints) {
+  // 10 points less a quarter are 8, 9 less a quarter 7.
+  EXPECT_NEAR(fit_growth(powers(1, 2, 10), .5, 1e9).factor, 2, 1e-12);
+  EXPECT_TRUE(std::isnan(fit_growth(powers(1, 2, 9), .5, 1e9).factor));
+  EXPECT_TRUE(std::isnan(fit_growth({}, .5, 1e9).factor));
+  EXPECT_TRUE(std::isnan(fit_growth(powers(1e-20, 1.1, 100), 1e-13, 1).factor)) << "never above low";
+}
