@@ -220,24 +220,19 @@ void set_steps(System& system, std::int64_t steps) {
   });
 }
 
-void remove_row(Matrix<double>& X, Index i) {
-  const Matrix<double> below = X.bottomRows(X.rows() - i - 1);
-  X.conservativeResize(X.rows() - 1, Eigen::NoChange);
-  X.bottomRows(below.rows()) = below;
-}
-
-void remove_col(Matrix<double>& X, Index j) {
-  const Matrix<double> right = X.rightCols(X.cols() - j - 1);
-  X.conservativeResize(Eigen::NoChange, X.cols() - 1);
-  X.rightCols(right.cols()) = right;
+Matrix<double> without_row(const Matrix<double>& X, Index removed) {
+  Matrix<double> Y(X.rows() - 1, X.cols());
+  for (Index i = 0; i < Y.rows(); ++i)
+    for (Index j = 0; j < Y.cols(); ++j) Y(i, j) = X(i < removed ? i : i + 1, j);
+  return Y;
 }
 
 enum class Side { row, column, both };
 
 void remove(Sequence& sequence, Side side, Index i) {
   for (Matrix<double>& X : sequence.matrices) {
-    if (side != Side::column) remove_row(X, i);
-    if (side != Side::row) remove_col(X, i);
+    if (side != Side::column) X = without_row(X, i);
+    if (side != Side::row) X = without_row(X.transpose(), i).transpose().eval();
   }
 }
 
@@ -249,9 +244,7 @@ void remove_state(System& system, Index i) {
   remove(system.C, Side::column, i);
   remove(system.D, Side::row, i);
   remove(system.P0.value, Side::both, i);
-  Matrix<double> x0 = system.x0;
-  remove_row(x0, i);
-  system.x0 = x0;
+  system.x0 = without_row(system.x0, i);
 }
 
 void remove_noise(System& system, Index i) {

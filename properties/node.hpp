@@ -3,7 +3,6 @@
 #include <cstdint>
 #include <string>
 #include <string_view>
-#include <utility>
 #include <variant>
 #include <vector>
 
@@ -14,8 +13,9 @@
 namespace kfstab::properties {
 
 struct Node {
+  struct Member;
   using List = std::vector<Node>;
-  using Table = std::vector<std::pair<std::string, Node>>;
+  using Table = std::vector<Member>;
   /// Any other kind of value, by its name: "a boolean", "a date", "null".
   struct Other {
     std::string kind;
@@ -29,6 +29,12 @@ struct Node {
   const List* list() const { return std::get_if<List>(&value); }
   const Table* table() const { return std::get_if<Table>(&value); }
   const std::string* text() const { return std::get_if<std::string>(&value); }
+};
+
+/// One key of a table, and what it stands for.
+struct Node::Member {
+  std::string key;
+  Node node;
 };
 
 /// Both throw InputError for what is no TOML, no JSON (a duplicate key, a number beyond double's range), and for a file

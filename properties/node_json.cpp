@@ -48,7 +48,7 @@ class Builder : public nlohmann::json_sax<nlohmann::json> {
 
   bool key(string_t& name) override {
     const auto& table = std::get<Node::Table>(open_.back()->value);
-    if (std::ranges::any_of(table, [&](const auto& member) { return member.first == name; }))
+    if (std::ranges::any_of(table, [&](const auto& member) { return member.key == name; }))
       throw InputError({origin_, 0, 0, open_.back()->pointer + "/" + escaped(name), {}}, "this key a second time",
                        "each key once");
     if (table.size() == most_keys)
@@ -80,7 +80,8 @@ class Builder : public nlohmann::json_sax<nlohmann::json> {
     }
     auto& table = std::get<Node::Table>(parent.value);
     node.pointer = parent.pointer + "/" + escaped(key_);
-    return &table.emplace_back(key_, std::move(node)).second;
+    table.push_back({key_, std::move(node)});
+    return &table.back().node;
   }
 
   template <class Value>

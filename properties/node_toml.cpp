@@ -23,7 +23,7 @@ Node convert(const toml::node& source) {
     }
     case toml::node_type::table: {
       Node::Table table;
-      for (const auto& [key, item] : *source.as_table()) table.emplace_back(std::string(key.str()), convert(item));
+      for (const auto& [key, item] : *source.as_table()) table.push_back({std::string(key.str()), convert(item)});
       node.value = std::move(table);
       break;
     }

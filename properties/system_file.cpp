@@ -89,8 +89,8 @@ class Reader {
   }
 
   static const Node* member(const Node::Table& table, std::string_view key) {
-    const auto found = std::ranges::find(table, key, &Node::Table::value_type::first);
-    return found == table.end() ? nullptr : &found->second;
+    const auto found = std::ranges::find(table, key, &Node::Member::key);
+    return found == table.end() ? nullptr : &found->node;
   }
   const Node* top(std::string_view key) const { return member(*root_.table(), key); }
   const Node& required(std::string_view key, std::string_view what) const {
@@ -517,17 +517,21 @@ std::string text_literal(const std::string& text) {
 /// The shortest that reads back as x. An integer has no negative zero.
 std::string number_literal(double x) { return x == 0 && std::signbit(x) ? "-0.0" : fmt::format("{}", x); }
 
-template <class Row>
-std::string row_literal(const Row& row) {
+template <class Entry>
+std::string row_literal(Index size, Entry entry) {
   std::string text = "[";
-  for (Index j = 0; j < row.size(); ++j) text += (j > 0 ? ", " : "") + number_literal(row(j));
+  for (Index j = 0; j < size; ++j) text += (j > 0 ? ", " : "") + number_literal(entry(j));
   return text + "]";
+}
+std::string row_literal(const Vector<double>& x) {
+  return row_literal(x.size(), [&](Index i) { return x(i); });
 }
 
 std::string matrix_literal(const Matrix<double>& X, const std::string& indent) {
   if (X.rows() == 0) return "[]";
   std::string text = "[\n";
-  for (Index i = 0; i < X.rows(); ++i) text += indent + "  " + row_literal(X.row(i)) + ",\n";
+  for (Index i = 0; i < X.rows(); ++i)
+    text += indent + "  " + row_literal(X.cols(), [&](Index j) { return X(i, j); }) + ",\n";
   return text + indent + "]";
 }
 
