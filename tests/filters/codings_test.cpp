@@ -120,9 +120,9 @@ Residuals one_step(const Metadata& metadata, const AnyProblem<double>& symmetric
 
 }  // namespace
 
-// To first order exactly: what is left shrinks with |D| itself. So a seed of 1e-12 leaves 1e-4 of what 1e-8 leaves (a factor
-// 10 for the third order and for cases whose second-order term happens to be small), and 1e-8 leaves at most 1e-8 times the
-// second derivative of the map, whose norms are of order 1 to 1e3 here.
+// To first order exactly: what is left shrinks with |D| itself. So a seed of 1e-12 leaves 1e-4 of what 1e-8 leaves (a
+// factor 10 for the third order and for cases whose second-order term happens to be small), and 1e-8 leaves at most
+// 1e-8 times the second derivative of the map, whose norms are of order 1 to 1e3 here.
 TEST(Codings, FollowTheirMapsToFirstOrder) {
   int codings = 0;
   for (const Metadata& metadata : filters()) {
@@ -132,7 +132,8 @@ TEST(Codings, FollowTheirMapsToFirstOrder) {
       for (std::uint64_t seed = 1; seed <= 10; ++seed) {
         SCOPED_TRACE(std::string(metadata.id) + " n=" + std::to_string(n) + " seed=" + std::to_string(seed));
         const auto problem = random_problem(Parametrisation::covariance, {.d = {n, 2, 2}}, seed);
-        const Residuals large = one_step(metadata, problem, 1e-8, seed), small = one_step(metadata, problem, 1e-12, seed);
+        const Residuals large = one_step(metadata, problem, 1e-8, seed),
+                        small = one_step(metadata, problem, 1e-12, seed);
         EXPECT_LE(large.as_computed, 1e-5);
         EXPECT_LE(small.as_computed, 10 * 1e-4 * large.as_computed);
       }
@@ -140,8 +141,9 @@ TEST(Codings, FollowTheirMapsToFirstOrder) {
   EXPECT_EQ(codings, 5);
 }
 
-// The codings use Re as computed, by LU. Had one triangle of it been factored, the asymmetry of Re would not have counted
-// and another map would hold, which differs by K C D C'K'; where C D C' is not small the two cannot be confused.
+// The codings use Re as computed, by LU. Had one triangle of it been factored, the asymmetry of Re would not have
+// counted and another map would hold, which differs by K C D C'K'; where C D C' is not small the two cannot be
+// confused.
 TEST(Codings, UseReAsComputed) {
   for (const Metadata& metadata : filters()) {
     if (metadata.asymmetry == Asymmetry::none) continue;

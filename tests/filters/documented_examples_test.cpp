@@ -73,8 +73,8 @@ AnyProblem<double> as_root(const Json& example) {
   return problem;
 }
 
-/// FB01SD starts from a filtered state, AnyFilter from a predicted one: a first measurement that says nothing, C = 0, is
-/// put before.
+/// FB01SD starts from a filtered state, AnyFilter from a predicted one: a first measurement that says nothing, C = 0,
+/// is put before.
 AnyProblem<double> as_information(const Json& example, double sign_of_w) {
   Problem<InformationModel<double>> problem;
   InformationModel<double> model;
@@ -122,7 +122,8 @@ enum class Precision { in_double, in_float };
 
 Result run(Precision precision, std::string_view id, const AnyProblem<double>& problem, int steps,
            const Vector<double>* y = nullptr) {
-  return precision == Precision::in_double ? run_in<double>(id, problem, steps, y) : run_in<float>(id, problem, steps, y);
+  return precision == Precision::in_double ? run_in<double>(id, problem, steps, y)
+                                           : run_in<float>(id, problem, steps, y);
 }
 
 void expect_printed(const Matrix<double>& computed, const Matrix<double>& printed, double tolerance, const char* what) {
@@ -147,7 +148,8 @@ void reproduces_covariances(Precision precision, const std::string& file) {
   int filters_run = 0;
   for (const Metadata& metadata : filters()) {
     const Needs& needs = metadata.needs;
-    if (metadata.takes == Parametrisation::information || (metadata.takes == Parametrisation::root && !has_roots)) continue;
+    if (metadata.takes == Parametrisation::information || (metadata.takes == Parametrisation::root && !has_roots))
+      continue;
     if (needs.invertible_A || needs.positive_definite_P0 || needs.positive_definite_Q) continue;
     SCOPED_TRACE(std::string(metadata.id));
     ++filters_run;
@@ -164,7 +166,8 @@ void reproduces_covariances(Precision precision, const std::string& file) {
       // An entry of S S' sums up to n products of two printed numbers.
       const double sum = 2 * half_unit * static_cast<double>(S.rows()) * S.cwiseAbs().maxCoeff();
       expect_printed(P, square(S), sum + rounding, "S S'");
-      if (factor && precision == Precision::in_double) expect_printed(signs_fixed(result.held, S), S, 1.001 * half_unit, "S");
+      if (factor && precision == Precision::in_double)
+        expect_printed(signs_fixed(result.held, S), S, 1.001 * half_unit, "S");
     }
 
     const Matrix<double> A = matrix(example["A"]);
@@ -173,8 +176,8 @@ void reproduces_covariances(Precision precision, const std::string& file) {
     if (expected.contains("filter_gain")) {
       const Matrix<double> printed = matrix(expected["filter_gain"]);
       if (predictor)
-        expect_printed(result.gain, A.lazyProduct(printed), half_unit * A.cwiseAbs().rowwise().sum().maxCoeff() + gain_rounding,
-                       "K");
+        expect_printed(result.gain, A.lazyProduct(printed),
+                       half_unit * A.cwiseAbs().rowwise().sum().maxCoeff() + gain_rounding, "K");
       else
         expect_printed(result.gain, printed, half_unit + gain_rounding, "Kf");
     } else {
@@ -196,7 +199,8 @@ void reproduces_fb01sd(Precision precision) {
   const Matrix<double> T = matrix(expected["T"]), held = result.held.transpose();
   const double sum = 2 * half_unit * static_cast<double>(T.rows()) * T.cwiseAbs().maxCoeff();
   expect_printed(square(held), square(T.transpose()), sum + threshold * result.bounds.held.bound, "T'T");
-  if (precision == Precision::in_double) expect_printed(signs_fixed(held, T.transpose()), T.transpose(), 1.001 * half_unit, "T'");
+  if (precision == Precision::in_double)
+    expect_printed(signs_fixed(held, T.transpose()), T.transpose(), 1.001 * half_unit, "T'");
 }
 
 }  // namespace

@@ -8,6 +8,8 @@ template std::unique_ptr<kfstab::AnyFilter<long double>> kfstab::make_filter<lon
 
 namespace kfstab::test {
 
-TEST(InstancesLongDouble, EveryFilterFollowsThePlainRecursion) { every_filter_follows_the_plain_recursion<long double>(3); }
+TEST(InstancesLongDouble, EveryFilterFollowsThePlainRecursion) {
+  every_filter_follows_the_plain_recursion<long double>(3);
+}
 
 }  // namespace kfstab::test

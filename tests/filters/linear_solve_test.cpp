@@ -235,7 +235,8 @@ TEST(LuTransposed, Pivots) {
     right << 1, 2;
     X = right;
     solve_lu_right(M, pivots, X);
-    EXPECT_LE(residual_ratio(times(widened(X), widened(given)) - widened(right), widened(X), widened(given)), threshold);
+    EXPECT_LE(residual_ratio(times(widened(X), widened(given)) - widened(right), widened(X), widened(given)),
+              threshold);
     Vector<double> x = right.transpose();
     solve_lu(M, pivots, x);
     const Matrix<double> solved = x, column = right.transpose();
@@ -334,6 +335,24 @@ TEST(ReciprocalCondition, OfTrianglesWithoutReadingTheOther) {
     estimates.expect_sound(n, truth, estimate);
   }
   estimates.expect_good();
+}
+
+// One column of M^{-1} dwarfs the others. The transposed solve points at it, so the estimate is exact; a solve with M in
+// its place would point at a row, and miss it by a factor n.
+TEST(ReciprocalCondition, FindsTheLargestColumnOfTheInverse) {
+  const Index n = 12;
+  for (Index j = 0; j < n; ++j) {
+    Matrix<double> M = Matrix<double>::Identity(n, n);
+    for (Index i = 0; i < n; ++i)
+      if (i != j) M(i, j) = i % 2 ? -1024 : 1024;
+    const double truth = 1 / (1. + 1024 * (n - 1)) / (1. + 1024 * (n - 1));  // |M| = |M^{-1}|
+    const double rounding = threshold * u * static_cast<double>(n) / truth;
+    EXPECT_NEAR(rcond_lu(M) / truth, 1, rounding) << "column " << j;
+    if (j == 0) {
+      Vector<double> work(n), sign(n);
+      EXPECT_NEAR(reciprocal_condition_triangular<Triangle::lower>(M, work, sign) / truth, 1, rounding);
+    }
+  }
 }
 
 TEST(ReciprocalCondition, OfNothingAndOfSingularMatrices) {

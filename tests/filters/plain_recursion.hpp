@@ -49,8 +49,8 @@ struct Judgement {
 /// The Kalman recursion as textbooks print it, in 120 decimal digits, beside one filter of the registry, from the very
 /// numbers that the filter was given. It is written without any code of the room under test.
 ///
-/// The bounds are first-order rounding analyses of one step of each form, with kappa and norms (Frobenius) taken from the
-/// exact run: plain_recursion_test.cpp has them with their reasons.
+/// The bounds are first-order rounding analyses of one step of each form, with kappa and norms (Frobenius) taken from
+/// the exact run: plain_recursion_test.cpp has them with their reasons.
 class PlainRecursion {
  public:
   /// @param filter  says what is compared: P_{k+1|k} or P_{k|k}, which gain, and which form's bound holds

@@ -10,9 +10,9 @@
 namespace kfstab::test {
 namespace {
 
-using Real = boost::multiprecision::number<
-    boost::multiprecision::mpfr_float_backend<120, boost::multiprecision::allocate_stack>,
-    boost::multiprecision::et_off>;
+using Real =
+    boost::multiprecision::number<boost::multiprecision::mpfr_float_backend<120, boost::multiprecision::allocate_stack>,
+                                  boost::multiprecision::et_off>;
 
 /// The least that the recursion needs, in loops: Eigen's products would cost more to compile than all the rest.
 struct Dense {
@@ -197,8 +197,8 @@ struct PlainRecursion::Run {
   }
 
   /// One step of the forms that take P or S. The errors that came in go through F = A - K C, and, where P may be
-  /// unsymmetric, their antisymmetric part through the map of the coding: at most |A|^2 + |K C|^2 (gain, cp, downdate), twice
-  /// |A|^2 and |F|^2 (mixed).
+  /// unsymmetric, their antisymmetric part through the map of the coding: at most |A|^2 + |K C|^2 (gain, cp, downdate),
+  /// twice |A|^2 and |F|^2 (mixed).
   void covariance_bounds(const Plain& now, const Dense& P0, const Dense& x0, const Dense& Re, const Dense& Re_inverse,
                          const Dense& innovation, const Vector<double>* y, const Vector<double>* u) {
     const double a = norm(now.A), c = norm(now.C), k = norm(K), f = norm(now.A - K * now.C);
@@ -218,8 +218,9 @@ struct PlainRecursion::Run {
     const double b = norm(now.B), q = norm(now.Q);
     double gain_local, held_local;
     if (filter.holds == Held::covariance_factor) {
-      // The pre-array's rows [A S  B Q^{1/2}] and its rows of Re^{1/2} are perturbed by u times their norm; the triangular
-      // factor of the upper ones answers with its condition number, and so do the rows below, which follow its rotation.
+      // The pre-array's rows [A S  B Q^{1/2}] and its rows of Re^{1/2} are perturbed by u times their norm; the
+      // triangular factor of the upper ones answers with its condition number, and so do the rows below, which follow
+      // its rotation.
       const double kappa_root = std::sqrt(kappa);
       double trace_P = 0, trace_Q = 0, trace_next = 0;
       const Dense next = now.A * Pf * transposed(now.A) + now.B * now.Q * transposed(now.B);
@@ -248,8 +249,8 @@ struct PlainRecursion::Run {
     e_held = amplification * e_held + unit * held_local;
   }
 
-  /// One step of the forms that take T, in terms of Y = T'T. With N the columns of w of the pre-array, M those of x, and
-  /// Z = (N'N)^{-1} N'M: the perturbation E of the array, u times its columns' norms, changes Y+ = M'M - M'N Z by
+  /// One step of the forms that take T, in terms of Y = T'T. With N the columns of w of the pre-array, M those of x,
+  /// and Z = (N'N)^{-1} N'M: the perturbation E of the array, u times its columns' norms, changes Y+ = M'M - M'N Z by
   /// (E [-Z; I])' [N M] [-Z; I] and its transpose, whose norm is at most |E| (|N| |Z| + |M|) |T+|, twice. x solves a
   /// least squares problem with the same array.
   void information_bounds(std::int64_t k, const Dense& Pf0, const Dense& xf0, const Vector<double>* y) {
@@ -292,8 +293,8 @@ struct PlainRecursion::Run {
     const double residual = column_w * w_hat + column_x * norm(xf) + column_data;
     if (y) {
       const double solved = t_next * std::sqrt(pf) * norm(xf);  // T+ x = xi by substitution
-      e_state = state_in + gain_of_information * e_held +
-                unit * (std::sqrt(pf) * residual + pf * array * residual + solved);
+      e_state =
+          state_in + gain_of_information * e_held + unit * (std::sqrt(pf) * residual + pf * array * residual + solved);
       // e changes by the perturbed array times the solution, and by the perturbed array's answer to e.
       const double e = std::sqrt(static_cast<double>(innovation_square));
       e_residual = 2 * e * unit * (residual + std::sqrt(pf) * array * e) + square(unit * residual);

@@ -14,7 +14,8 @@ namespace kfstab::test {
 TEST(Registry, HasEveryFilterOnce) {
   std::set<std::string_view> ids;
   for (const Metadata& metadata : filters()) EXPECT_TRUE(ids.insert(metadata.id).second) << metadata.id << " twice";
-  for (const auto id : {"ckf", "ckf-textbook", "ckf-mixed", "ckf-gain", "ckf-cp", "ckf-downdate", "joseph", "srcf", "srif"})
+  for (const auto id :
+       {"ckf", "ckf-textbook", "ckf-mixed", "ckf-gain", "ckf-cp", "ckf-downdate", "joseph", "srcf", "srif"})
     EXPECT_TRUE(ids.contains(id)) << id;
 }
 
@@ -42,7 +43,8 @@ TEST(Registry, KnowsNoOther) {
 TEST(Registry, MetadataAreCompleteAndAgree) {
   for (const Metadata& metadata : filters()) {
     SCOPED_TRACE(metadata.id);
-    for (const auto text : {metadata.title, metadata.update, metadata.operations, metadata.source}) EXPECT_FALSE(text.empty());
+    for (const auto text : {metadata.title, metadata.update, metadata.operations, metadata.source})
+      EXPECT_FALSE(text.empty());
     for (const char c : metadata.id) EXPECT_TRUE(std::islower(c) || std::isdigit(c) || c == '-');
     // Who holds a root takes roots, who holds information takes the inverses and therefore needs them to exist.
     switch (metadata.takes) {
@@ -96,7 +98,8 @@ TEST(Registry, AFilterMayBeStartedAgain) {
     const auto other = random_problem(metadata.takes, {.d = {4, 2, 3}, .inputs = 2}, 5);
     const auto problem = random_problem(metadata.takes, {.d = {3, 1, 2}, .inputs = 1}, 6);
     Dice dice(1);
-    const Vector<double> y_other = dice.vector(3, 16), u_other = dice.vector(2, 16), y = dice.vector(2, 16), u = dice.vector(1, 16);
+    const Vector<double> y_other = dice.vector(3, 16), u_other = dice.vector(2, 16), y = dice.vector(2, 16),
+                         u = dice.vector(1, 16);
     used->start(other);
     for (int k = 0; k < 3; ++k) ASSERT_TRUE(used->step(k, &y_other, &u_other).report);
     used->start(problem);

@@ -1,5 +1,5 @@
-// A step that cannot be done says why, leaves every bit of what was held, and may be called again: what follows is as if
-// it had never failed.
+// A step that cannot be done says why, leaves every bit of what was held, and may be called again: what follows is as
+// if it had never failed.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -71,7 +71,8 @@ struct Snapshot {
 
 template <class X>
 bool same_bits(const X& a, const X& b) {
-  return a.size() == b.size() && std::memcmp(a.data(), b.data(), sizeof(double) * static_cast<std::size_t>(a.size())) == 0;
+  return a.size() == b.size() &&
+         std::memcmp(a.data(), b.data(), sizeof(double) * static_cast<std::size_t>(a.size())) == 0;
 }
 
 void expect_same_bits(const Snapshot& a, const Snapshot& b, const char* when) {
@@ -90,7 +91,8 @@ void expect_status(Status is, const Statuses& expected) {
 }
 
 /// Two filters run side by side. One meets the fault in step 2, which is then mended, and called again.
-void fails_and_goes_on(const Metadata& metadata, const AnyProblem<double>& good, const Fault& fault, const Statuses& expected) {
+void fails_and_goes_on(const Metadata& metadata, const AnyProblem<double>& good, const Fault& fault,
+                       const Statuses& expected) {
   AnyProblem<double> given = good;
   if (!apply(fault, given)) return;
   SCOPED_TRACE(std::string(metadata.id) + ": " + fault.text);
@@ -124,8 +126,9 @@ void fails_and_goes_on(const Metadata& metadata, const AnyProblem<double>& good,
   }
 }
 
-Fault everywhere(const std::string& text, const std::function<void(Covariance&)>& c, const std::function<void(Root&)>& r,
-                 const std::function<void(Information&)>& i, std::size_t information_model = broken_step) {
+Fault everywhere(const std::string& text, const std::function<void(Covariance&)>& c,
+                 const std::function<void(Root&)>& r, const std::function<void(Information&)>& i,
+                 std::size_t information_model = broken_step) {
   Fault fault{.text = text};
   if (c) fault.covariance = [c](auto& models) { c(models[broken_step]); };
   if (r) fault.root = [r](auto& models) { r(models[broken_step]); };
@@ -167,23 +170,32 @@ AnyProblem<double> huge(Parametrisation takes) {
 TEST(Statuses, NonFiniteInput) {
   for (const double bad : {std::nan(""), infinity, -infinity}) {
     const std::vector<Fault> faults = {
-        everywhere("A", [=](auto& m) { m.A(1, 2) = bad; }, [=](auto& m) { m.A(1, 2) = bad; },
-                   [=](auto& m) { m.A_inverse(1, 2) = bad; }, broken_step - 1),
-        everywhere("B", [=](auto& m) { m.B(2, 1) = bad; }, [=](auto& m) { m.B(2, 1) = bad; },
-                   [=](auto& m) { m.A_inverse_B(2, 1) = bad; }, broken_step - 1),
-        everywhere("C", [=](auto& m) { m.C(1, 0) = bad; }, [=](auto& m) { m.C(1, 0) = bad; },
-                   [=](auto& m) { m.C(1, 0) = bad; }),
-        everywhere("last of C", [=](auto& m) { m.C(1, 2) = bad; }, [=](auto& m) { m.C(1, 2) = bad; },
-                   [=](auto& m) { m.C(1, 2) = bad; }),
-        everywhere("D", [=](auto& m) { m.D(0, 0) = bad; }, [=](auto& m) { m.D(0, 0) = bad; },
-                   [=](auto& m) { m.D(0, 0) = bad; }, broken_step - 1),
-        everywhere("Q", [=](auto& m) { m.Q(0, 1) = m.Q(1, 0) = bad; }, [=](auto& m) { m.Q_root(1, 0) = bad; },
-                   [=](auto& m) { m.Q_inverse_root(0, 1) = bad; }, broken_step - 1),
-        everywhere("R", [=](auto& m) { m.R(0, 1) = m.R(1, 0) = bad; }, [=](auto& m) { m.R_root(1, 0) = bad; },
-                   [=](auto& m) { m.R_inverse_root(0, 1) = bad; }),
-        everywhere("last of R", [=](auto& m) { m.R(1, 1) = bad; }, [=](auto& m) { m.R_root(1, 1) = bad; },
-                   [=](auto& m) { m.R_inverse_root(1, 1) = bad; }),
-        everywhere("w_mean", {}, {}, [=](auto& m) { m.w_mean = Vector<double>::Constant(2, bad); }, broken_step - 1),
+        everywhere(
+            "A", [=](auto& m) { m.A(1, 2) = bad; }, [=](auto& m) { m.A(1, 2) = bad; },
+            [=](auto& m) { m.A_inverse(1, 2) = bad; }, broken_step - 1),
+        everywhere(
+            "B", [=](auto& m) { m.B(2, 1) = bad; }, [=](auto& m) { m.B(2, 1) = bad; },
+            [=](auto& m) { m.A_inverse_B(2, 1) = bad; }, broken_step - 1),
+        everywhere(
+            "C", [=](auto& m) { m.C(1, 0) = bad; }, [=](auto& m) { m.C(1, 0) = bad; },
+            [=](auto& m) { m.C(1, 0) = bad; }),
+        everywhere(
+            "last of C", [=](auto& m) { m.C(1, 2) = bad; }, [=](auto& m) { m.C(1, 2) = bad; },
+            [=](auto& m) { m.C(1, 2) = bad; }),
+        everywhere(
+            "D", [=](auto& m) { m.D(0, 0) = bad; }, [=](auto& m) { m.D(0, 0) = bad; },
+            [=](auto& m) { m.D(0, 0) = bad; }, broken_step - 1),
+        everywhere(
+            "Q", [=](auto& m) { m.Q(0, 1) = m.Q(1, 0) = bad; }, [=](auto& m) { m.Q_root(1, 0) = bad; },
+            [=](auto& m) { m.Q_inverse_root(0, 1) = bad; }, broken_step - 1),
+        everywhere(
+            "R", [=](auto& m) { m.R(0, 1) = m.R(1, 0) = bad; }, [=](auto& m) { m.R_root(1, 0) = bad; },
+            [=](auto& m) { m.R_inverse_root(0, 1) = bad; }),
+        everywhere(
+            "last of R", [=](auto& m) { m.R(1, 1) = bad; }, [=](auto& m) { m.R_root(1, 1) = bad; },
+            [=](auto& m) { m.R_inverse_root(1, 1) = bad; }),
+        everywhere(
+            "w_mean", {}, {}, [=](auto& m) { m.w_mean = Vector<double>::Constant(2, bad); }, broken_step - 1),
         Fault{.text = "y", .y = bad},
         Fault{.text = "u", .u = bad},
     };
@@ -195,8 +207,8 @@ TEST(Statuses, NonFiniteInput) {
   }
 }
 
-// The same quantity measured twice without noise. A Cholesky factorisation of Re finds a minor that is not positive, or,
-// when its last pivot is rounded to something tiny, an rcond to match.
+// The same quantity measured twice without noise. A Cholesky factorisation of Re finds a minor that is not positive,
+// or, when its last pivot is rounded to something tiny, an rcond to match.
 TEST(Statuses, SingularInnovation) {
   const Fault twice = everywhere(
       "one noiseless measurement twice",
@@ -218,8 +230,9 @@ TEST(Statuses, SingularInnovation) {
   }
 }
 
-// Two measurements that differ by d, without noise, of P = I: rcond of Re = [1 1; 1 1+d^2] is d^2/4, of its root
-// [1 0; 1 d] d/2, but for terms of order d. The limit is p^2 u = 4u: forms that invert Re must refuse d = 2^-26, a square-root filter d = 2^-52.
+// Two measurements that differ by d, without noise, of P = I: rcond of Re = [1 1; 1 1+d^2] is d^2/4, of its root [1 0;
+// 1 d] d/2, but for terms of order d. The limit is p^2 u = 4u: forms that invert Re must refuse d = 2^-26, a
+// square-root filter d = 2^-52.
 TEST(Statuses, SingularInnovationIsToldByRcond) {
   for (const Metadata& metadata : filters()) {
     if (metadata.takes == Parametrisation::information || metadata.needs.time_invariant) continue;
@@ -258,13 +271,12 @@ TEST(Statuses, SingularInnovationIsToldByRcond) {
 
 TEST(Statuses, NotPositiveDefinite) {
   const Fault negative = everywhere("R = -100 I", [](auto& m) { m.R.diagonal().setConstant(-100); }, {}, {});
-  const Fault indefinite = everywhere(
-      "R = [1 50; 50 1]",
-      [](auto& m) {
-        m.R.setConstant(50);
-        m.R.diagonal().setConstant(1);
-      },
-      {}, {});
+  const Fault indefinite = everywhere("R = [1 50; 50 1]",
+                                      [](auto& m) {
+                                        m.R.setConstant(50);
+                                        m.R.diagonal().setConstant(1);
+                                      },
+                                      {}, {});
   for (const Metadata& metadata : filters()) {
     // The unsymmetrised codings use LU, which an indefinite Re does not stop: they go on with it.
     if (metadata.asymmetry != Asymmetry::none || metadata.needs.time_invariant) continue;
@@ -287,13 +299,15 @@ TEST(Statuses, SingularInformation) {
 TEST(Statuses, Overflow) {
   const double big = 0x1p+600;
   const std::vector<Fault> faults = {
-      everywhere("A", [=](auto& m) { m.A *= big; }, [=](auto& m) { m.A *= big; }, [=](auto& m) { m.A_inverse *= big; },
-                 broken_step - 1),
-      everywhere("C", [=](auto& m) { m.C.setConstant(big); }, [=](auto& m) { m.C.setConstant(big); },
-                 [=](auto& m) {
-                   m.C.setConstant(big);
-                   m.R_inverse_root.setConstant(big);
-                 }),
+      everywhere(
+          "A", [=](auto& m) { m.A *= big; }, [=](auto& m) { m.A *= big; }, [=](auto& m) { m.A_inverse *= big; },
+          broken_step - 1),
+      everywhere(
+          "C", [=](auto& m) { m.C.setConstant(big); }, [=](auto& m) { m.C.setConstant(big); },
+          [=](auto& m) {
+            m.C.setConstant(big);
+            m.R_inverse_root.setConstant(big);
+          }),
   };
   for (const Metadata& metadata : filters()) {
     if (metadata.needs.time_invariant) continue;

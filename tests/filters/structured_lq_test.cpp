@@ -125,12 +125,14 @@ Array<S> transposed(const Array<S>& X, Shape shape) {
 
 template <class S>
 Wide before(const Array<S>& X) {
-  return joined(widened(X.L.values()), widened(X.A.values()), Wide::Zero(X.B.rows(), X.L.cols()), widened(X.B.values()));
+  return joined(widened(X.L.values()), widened(X.A.values()), Wide::Zero(X.B.rows(), X.L.cols()),
+                widened(X.B.values()));
 }
 
 template <class S>
 Wide after(const Array<S>& X) {
-  return joined(widened(X.L.values()), Wide::Zero(X.A.rows(), X.A.cols()), widened(X.C.values()), widened(X.B.values()));
+  return joined(widened(X.L.values()), Wide::Zero(X.A.rows(), X.A.cols()), widened(X.C.values()),
+                widened(X.B.values()));
 }
 
 /// The pre-array times the reflectors that A and tau hold, one after the other, in long double.
@@ -179,12 +181,12 @@ void factorises(Shape shape, const Array<S>& given) {
 
   Array<S> Y = transposed(given, shape);
   ASSERT_NO_THROW(structured_qr(shape, Y.L, Y.A, Y.B, Y.C, Y.tau));
-  const Wide mirrored = joined(widened(Y.L.values()), widened(Y.C.values()), Wide::Zero(Y.A.rows(), Y.A.cols()),
-                               widened(Y.B.values()));
+  const Wide mirrored =
+      joined(widened(Y.L.values()), widened(Y.C.values()), Wide::Zero(Y.A.rows(), Y.A.cols()), widened(Y.B.values()));
   EXPECT_LE(rotation_ratio<S>(pre, transposed(mirrored)), threshold);
   const Array<S> back{Guarded<S>(X.L.values(), Allowed::lower), Guarded<S>(Y.A.values().transpose(), Allowed::all),
-                      Guarded<S>(Y.B.values().transpose(), Allowed::all), Guarded<S>(Y.C.values().transpose(), Allowed::all),
-                      Y.tau};
+                      Guarded<S>(Y.B.values().transpose(), Allowed::all),
+                      Guarded<S>(Y.C.values().transpose(), Allowed::all), Y.tau};
   EXPECT_LE((difference_ratio<S>(reflected(pre, back), transposed(mirrored))), threshold);
   expect_orthogonal_reflectors(back);
 }

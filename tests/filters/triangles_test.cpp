@@ -41,7 +41,9 @@ template <class X>
 void expect_same_bits(const X& a, const X& b, const char* what) {
   ASSERT_EQ(a.size(), b.size());
   EXPECT_EQ(std::memcmp(a.data(), b.data(), sizeof(double) * static_cast<std::size_t>(a.size())), 0)
-      << what << "\n" << a << "\nand with NaN planted\n" << b;
+      << what << "\n"
+      << a << "\nand with NaN planted\n"
+      << b;
 }
 
 }  // namespace
@@ -49,7 +51,8 @@ void expect_same_bits(const X& a, const X& b, const char* what) {
 TEST(Triangles, NaNInThePromisedOnesChangesNoBit) {
   for (const Metadata& metadata : filters()) {
     if (metadata.asymmetry != Asymmetry::none) continue;  // these take all of P0
-    for (const Case& c : {Case{.d = {4, 3, 2}, .period = 3, .inputs = 1}, Case{.d = {2, 3, 4}, .period = 2, .inputs = 1}}) {
+    for (const Case& c :
+         {Case{.d = {4, 3, 2}, .period = 3, .inputs = 1}, Case{.d = {2, 3, 4}, .period = 2, .inputs = 1}}) {
       if (!applies(metadata, c)) continue;
       SCOPED_TRACE(std::string(metadata.id) + ": " + c.text());
       const AnyProblem<double> clean = random_problem(metadata.takes, c, 21);

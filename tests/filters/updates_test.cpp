@@ -145,7 +145,8 @@ void fixed_follows(const char* id) {
       StepReport<double> report;
       if constexpr (Model::parametrisation == Parametrisation::information) {
         report = k == 0 ? filter.measurement_update(fixed<Model>(problem.model(0)), &y_fixed)
-                        : filter.step(fixed<Model>(problem.model(k - 1)), fixed<Model>(problem.model(k)), &y_fixed, &input_before);
+                        : filter.step(fixed<Model>(problem.model(k - 1)), fixed<Model>(problem.model(k)), &y_fixed,
+                                      &input_before);
       } else {
         report = filter.step(fixed<Model>(problem.model(k)), &y_fixed, &input);
       }
@@ -221,8 +222,16 @@ TEST(Updates, EachHalfAloneIsAStepOfASimplerModel) {
       const Vector<double> y = dice.vector(c.d.p, 32), input = dice.vector(c.inputs, 32);
 
       AnyProblem<double> still = problem, blind = problem;
-      std::visit([](auto& given) { for (auto& model : given.models) set_no_dynamics(model); }, still);
-      std::visit([](auto& given) { for (auto& model : given.models) set_no_measurement(model); }, blind);
+      std::visit(
+          [](auto& given) {
+            for (auto& model : given.models) set_no_dynamics(model);
+          },
+          still);
+      std::visit(
+          [](auto& given) {
+            for (auto& model : given.models) set_no_measurement(model);
+          },
+          blind);
       PlainRecursion measured(still, metadata, u), moved(blind, metadata, u);
       const auto filter = make_split_filter(id);
 
