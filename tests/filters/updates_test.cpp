@@ -265,6 +265,31 @@ TEST(Updates, WithoutDataLeaveTheStateAndTheSameCovariance) {
   }
 }
 
+// Halves read the promised triangle of the start alone, as whole steps do: NaN in the other changes no bit.
+TEST(Updates, ReadOneTriangleOfTheStart) {
+  for (const std::string_view id : split_filters()) {
+    const Metadata& metadata = *find_filter(id);
+    const AnyProblem<double> clean = random_problem(metadata.takes, {.d = {3, 2, 2}}, 52);
+    AnyProblem<double> planted = clean;
+    std::visit(
+        [&](auto& given) {
+          for (Index j = 0; j < 3; ++j)
+            for (Index i = j + 1; i < 3; ++i)
+              (metadata.takes == Parametrisation::root ? given.initial(j, i) : given.initial(i, j)) = std::nan("");
+        },
+        planted);
+    for (const bool measured : {true, false}) {
+      const auto one = make_split_filter(id), other = make_split_filter(id);
+      one->start(clean);
+      other->start(planted);
+      EXPECT_EQ(one->held(), other->held()) << id;
+      ASSERT_TRUE(measured ? one->measurement_update(0, nullptr) : one->time_update(0, nullptr));
+      ASSERT_TRUE(measured ? other->measurement_update(0, nullptr) : other->time_update(0, nullptr)) << id;
+      EXPECT_EQ(one->held(), other->held()) << id;
+    }
+  }
+}
+
 TEST(FixedSizes, FollowTheRecursionAsDynamicOnesDo) {
   fixed_follows<SquareRootCovarianceFilter<double, 1, 1, 1>, RootModel<double>>("srcf");
   fixed_follows<SquareRootCovarianceFilter<double, 2, 1, 3>, RootModel<double>>("srcf");
