@@ -55,7 +55,7 @@ Matrix<double> square(const Matrix<double>& X) {
 
 AnyProblem<double> random_problem(Parametrisation takes, const Case& c, std::uint64_t seed) {
   Dice dice(seed);
-  const auto [n, m, p] = c.d;
+  const Index n = c.d.n, m = c.d.m, p = c.d.p;
   const auto dynamics = [&](auto& model) {
     model.A = dice.matrix(n, n, 10);
     if (c.singular && n > 0) model.A.row(0).setZero();
