@@ -80,6 +80,7 @@ TEST_F(Catalogue, ASlashOrAnEndingMakesAPath) {
   const auto here = std::filesystem::current_path();
   std::filesystem::current_path(folder);
   EXPECT_EQ(find_system("mine.toml").name, "small") << "no slash, but the ending";
+  EXPECT_EQ(find_system("mine.json").steps, 3);
   EXPECT_EQ(find_system("./local-level").name, "small");
   EXPECT_EQ(find_system("local-level").name, "local-level") << "a file of that name does not count";
   std::filesystem::current_path(here);

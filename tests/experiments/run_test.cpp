@@ -96,6 +96,7 @@ TEST(Run, EveryFilterStaysAtRoundingLevelWhereNothingIsHard) {
     EXPECT_GT(f.covariance_error.largest(), 0) << "nothing was measured";
     EXPECT_GT(f.gain_error.largest(), 0) << "nothing was measured";
     EXPECT_LE(f.covariance_error.largest(), f.bound.largest());
+    EXPECT_LE(f.gain_error.largest(), 30 * f.bound.largest());
     EXPECT_GT(f.smallest_eigenvalue.smallest(), 0);
     EXPECT_GE(f.correct_digits, 14);
     EXPECT_DOUBLE_EQ(f.correct_digits, -std::log10(std::max(0x1p-53, f.covariance_error.last())));
