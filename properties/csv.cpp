@@ -55,17 +55,15 @@ std::vector<std::size_t> find_columns(const std::vector<std::string_view>& heade
       if (error != std::errc() || end != title.data() + title.size()) continue;
     }
     if (number < 1 || number > found.size())
-      throw InputError(place, "a column " + shortened(header[column]),
-                       std::to_string(count) + " columns " + name + "1, ...");
+      throw InputError(place, "a column " + shortened(header[column]), std::to_string(count) + " columns " + name + "1, ...");
     if (found[number - 1]) throw InputError(place, "the column " + name + std::to_string(number) + " twice", "it once");
     found[number - 1] = column;
   }
   std::vector<std::size_t> columns;
   for (std::size_t i = 0; i < found.size(); ++i) {
     if (!found[i])
-      throw InputError(
-          place, "no column " + name + std::to_string(i + 1),
-          "a first line that names the columns, " + name + "1 to " + name + std::to_string(count) + " among them");
+      throw InputError(place, "no column " + name + std::to_string(i + 1),
+                       "a first line that names the columns, " + name + "1 to " + name + std::to_string(count) + " among them");
     columns.push_back(*found[i]);
   }
   return columns;
@@ -76,8 +74,7 @@ double number_in(std::string_view cell, const Place& place) {
   if (digits.starts_with('+')) digits.remove_prefix(1);
   double value = 0;
   const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), value);
-  if (error == std::errc::result_out_of_range ||
-      (error == std::errc() && end == digits.data() + digits.size() && !std::isfinite(value)))
+  if (error == std::errc::result_out_of_range || (error == std::errc() && end == digits.data() + digits.size() && !std::isfinite(value)))
     throw InputError(place, shortened(cell), "a finite number within the range of double");
   if (error != std::errc() || end != digits.data() + digits.size())
     throw InputError(place, cell.empty() ? "an empty cell" : shortened(cell), "a number");
@@ -137,8 +134,7 @@ Matrix<double> read_csv(const std::filesystem::path& file, const std::string& na
     if (rest.empty() && trimmed(line).empty()) break;
     split(line, cells);
     if (cells.size() != titles.size())
-      throw InputError(place, std::to_string(cells.size()) + " cells",
-                       std::to_string(titles.size()) + ", as the first line has");
+      throw InputError(place, std::to_string(cells.size()) + " cells", std::to_string(titles.size()) + ", as the first line has");
     for (const std::size_t column : columns) {
       place.field = titles[column];
       values.push_back(number_in(cells[column], place));

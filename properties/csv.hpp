@@ -9,10 +9,9 @@
 namespace kfstab::properties {
 
 /// The columns NAME1 ... NAMEcount of a CSV file (NAME alone for the first of one), one row a step, as a count x rows
-/// matrix, a step a column. The file's first line names its columns; columns of other names are for others. Numbers
-/// are decimal, separated by commas. Throws InputError, with the line, for a column that is missing, twice there or
-/// one too many, a row of another width, an entry that is no finite number, a file that cannot be read or is larger
-/// than 256 MiB.
+/// matrix, a step a column. The file's first line names its columns; columns of other names are for others. Numbers are
+/// decimal, separated by commas. Throws InputError, with the line, for a column that is missing, twice there or one too many,
+/// a row of another width, an entry that is no finite number, a file that cannot be read or is larger than 256 MiB.
 Matrix<double> read_csv(const std::filesystem::path& file, const std::string& name, Index count);
 
 /// All of a file, or an InputError: it cannot be read, is no file, or is larger than limit bytes.

@@ -82,8 +82,7 @@ class SimulatedStream final : public DataStream {
 }  // namespace
 
 Recorded::Recorded(Matrix<double> y, Matrix<double> u)
-    : y_(std::make_shared<const Matrix<double>>(std::move(y))),
-      u_(std::make_shared<const Matrix<double>>(std::move(u))) {}
+    : y_(std::make_shared<const Matrix<double>>(std::move(y))), u_(std::make_shared<const Matrix<double>>(std::move(u))) {}
 
 std::unique_ptr<DataStream> Recorded::open() const { return std::make_unique<RecordedStream>(y_, u_); }
 
@@ -95,6 +94,8 @@ Simulated::Simulated(const System& system, std::uint64_t seed, Matrix<double> in
       std::get<Problem<RootModel<double>>>(std::get<AnyProblem<double>>(std::move(roots))));
 }
 
-std::unique_ptr<DataStream> Simulated::open() const { return std::make_unique<SimulatedStream>(problem_, u_, seed_); }
+std::unique_ptr<DataStream> Simulated::open() const {
+  return std::make_unique<SimulatedStream>(problem_, u_, seed_);
+}
 
 }  // namespace kfstab::properties

@@ -19,10 +19,10 @@ class Recorded final : public Data {
   std::shared_ptr<const Matrix<double>> y_, u_;
 };
 
-/// Data drawn from the system itself: x_0 from N(x0, P0), then y_k = C x_k + v_k and x_{k+1} = A x_k + B w_k + D u_k
-/// with normal noise, in double. The same seed gives the same numbers on every machine with IEEE doubles
-/// (Boost.Random's mt19937_64 and normal_distribution). Nothing is kept, so any number of steps can be drawn; those
-/// of an unstable system overflow in the end.
+/// Data drawn from the system itself: x_0 from N(x0, P0), then y_k = C x_k + v_k and x_{k+1} = A x_k + B w_k + D u_k with
+/// normal noise, in double. The same seed gives the same numbers on every machine with IEEE doubles (Boost.Random's
+/// mt19937_64 and normal_distribution). Nothing is kept, so any number of steps can be drawn; those of an unstable system
+/// overflow in the end.
 class Simulated final : public Data {
  public:
   /// inputs: one column a step, no columns if D has none. The system's own data are not used. Throws

@@ -52,11 +52,9 @@ Expressions::~Expressions() = default;
 
 double Expressions::operator()(const std::string& text) const {
   if (text.empty()) throw ExpressionError("an empty expression");
-  if (text.size() > 4000)
-    throw ExpressionError("an expression of " + std::to_string(text.size()) + " characters (at most 4000)");
+  if (text.size() > 4000) throw ExpressionError("an expression of " + std::to_string(text.size()) + " characters (at most 4000)");
   // muParser's stack is its own, but its parser calls itself for c ? a : b and signs: nothing sane nests deeper.
-  if (std::count(text.begin(), text.end(), '(') > 200)
-    throw ExpressionError(in_quotes(text) + ", which nests too deep");
+  if (std::count(text.begin(), text.end(), '(') > 200) throw ExpressionError(in_quotes(text) + ", which nests too deep");
   mu::Parser& parser = parser_->parser;
   double value = 0;
   std::feclearexcept(FE_ALL_EXCEPT);
@@ -78,8 +76,7 @@ double Expressions::operator()(const std::string& text) const {
   const int raised = std::fetestexcept(FE_DIVBYZERO | FE_INVALID | FE_OVERFLOW);
   if (raised & FE_DIVBYZERO) throw ExpressionError(in_quotes(text) + ", which divides by zero");
   if (raised & FE_OVERFLOW) throw ExpressionError(in_quotes(text) + ", which is beyond the range of double");
-  if ((raised & FE_INVALID) || !std::isfinite(value))
-    throw ExpressionError(in_quotes(text) + ", which has no real value");
+  if ((raised & FE_INVALID) || !std::isfinite(value)) throw ExpressionError(in_quotes(text) + ", which has no real value");
   return value;
 }
 
@@ -96,8 +93,7 @@ std::vector<std::string> Expressions::names_in(const std::string& text) const {
       // A number with its exponent: the e of 2e-3 is no name.
       while (i < text.size() && (digit(text[i]) || text[i] == '.')) ++i;
       if (i + 1 < text.size() && (text[i] == 'e' || text[i] == 'E') &&
-          (digit(text[i + 1]) ||
-           ((text[i + 1] == '-' || text[i + 1] == '+') && i + 2 < text.size() && digit(text[i + 2]))))
+          (digit(text[i + 1]) || ((text[i + 1] == '-' || text[i + 1] == '+') && i + 2 < text.size() && digit(text[i + 2]))))
         i += 2;
       while (i < text.size() && digit(text[i])) ++i;
     } else {
@@ -118,8 +114,7 @@ const std::vector<std::string>& Expressions::function_names() {
 }
 
 bool Expressions::is_name(const std::string& text) {
-  if (text.empty() || text.size() > 60 || text == "pi" || std::isdigit(static_cast<unsigned char>(text[0])))
-    return false;
+  if (text.empty() || text.size() > 60 || text == "pi" || std::isdigit(static_cast<unsigned char>(text[0]))) return false;
   if (std::ranges::find(function_names(), text) != function_names().end()) return false;
   return std::ranges::all_of(text, [](char c) { return std::isalnum(static_cast<unsigned char>(c)) || c == '_'; });
 }

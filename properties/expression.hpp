@@ -12,8 +12,7 @@ namespace kfstab::properties {
 /// What is wrong with an expression, and a hint for the end of a message: "; did you mean 'dt'?" or nothing.
 class ExpressionError : public std::runtime_error {
  public:
-  explicit ExpressionError(const std::string& what, std::string hint = {})
-      : std::runtime_error(what), hint_(std::move(hint)) {}
+  explicit ExpressionError(const std::string& what, std::string hint = {}) : std::runtime_error(what), hint_(std::move(hint)) {}
 
   const std::string& hint() const { return hint_; }
 
@@ -21,8 +20,8 @@ class ExpressionError : public std::runtime_error {
   std::string hint_;
 };
 
-/// Evaluates what system files write in quotes: "q*dt^3/3". Numbers, names, pi, + - * / ^ ( ), comparisons, c ? a : b
-/// and the functions of function_names(), in double, each operation rounded.
+/// Evaluates what system files write in quotes: "q*dt^3/3". Numbers, names, pi, + - * / ^ ( ), comparisons, c ? a : b and
+/// the functions of function_names(), in double, each operation rounded.
 class Expressions {
  public:
   explicit Expressions(const std::map<std::string, double>& names);

@@ -11,17 +11,17 @@
 #include <utility>
 #include <vector>
 
-#include <rapidcheck/Random.h>
-#include <rapidcheck/seq/Create.h>
-#include <rapidcheck/seq/Transform.h>
-#include <rapidcheck/shrinkable/Create.h>
-#include <rapidcheck/shrinkable/Operations.h>
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <Eigen/QR>
 #include <boost/random/normal_distribution.hpp>
 #include <boost/random/uniform_int_distribution.hpp>
 #include <boost/random/uniform_real_distribution.hpp>
+#include <rapidcheck/Random.h>
+#include <rapidcheck/seq/Create.h>
+#include <rapidcheck/seq/Transform.h>
+#include <rapidcheck/shrinkable/Create.h>
+#include <rapidcheck/shrinkable/Operations.h>
 
 #include <kfstab/properties/precise.hpp>
 
@@ -29,7 +29,7 @@ namespace kfstab::properties {
 
 namespace {
 
-// --- drawing --------------------------------------------------------------------------------------------------------
+// --- drawing ------------------------------------------------------------------------------------------------------------
 
 /// rc::Random as Boost's distributions take their bits.
 class Bits {
@@ -57,9 +57,7 @@ class Draw {
     return integer(range.least, range.least + (span * std::clamp(growth, 0, 100) + 99) / 100);
   }
   bool one_in(int count) { return integer(1, count) == 1; }
-  double real(double least, double most) {
-    return boost::random::uniform_real_distribution<double>(least, most)(bits_);
-  }
+  double real(double least, double most) { return boost::random::uniform_real_distribution<double>(least, most)(bits_); }
   double normal() { return normal_(bits_); }
   double power_of_two(int least, int most) { return std::ldexp(1.0, static_cast<int>(integer(least, most))); }
 
@@ -159,14 +157,12 @@ Sequence over_time(Draw& draw, bool varying, std::int64_t steps, One one) {
   return {listed ? Sequence::Kind::list : Sequence::Kind::periodic, std::move(matrices)};
 }
 
-Covariance covariance(Draw& draw, Index n, const Options& options, bool may_be_singular, bool varying,
-                      std::int64_t steps) {
+Covariance covariance(Draw& draw, Index n, const Options& options, bool may_be_singular, bool varying, std::int64_t steps) {
   Covariance Q;
   Q.written = draw.one_in(2) ? Covariance::Written::covariance : Covariance::Written::root;
   Q.value = over_time(draw, varying, steps, [&] {
     const bool deficient = n > 0 && may_be_singular && draw.one_in(6);
-    const Matrix<double> L =
-        draw.root(n, deficient ? draw.integer(0, n - 1) : n, draw.condition(options.worst_condition));
+    const Matrix<double> L = draw.root(n, deficient ? draw.integer(0, n - 1) : n, draw.condition(options.worst_condition));
     if (Q.written == Covariance::Written::root) return L;
     // Rounded once: that keeps it within what admissible_covariance allows, whatever its rank.
     const Precise exact(L);
@@ -197,7 +193,7 @@ System draw_system(const rc::Random& random, int growth, const Options& options)
   return system;
 }
 
-// --- shrinking ------------------------------------------------------------------------------------------------------
+// --- shrinking ----------------------------------------------------------------------------------------------------------
 
 using Edit = std::function<void(System&)>;
 using SequenceOf = Sequence System::*;
@@ -296,8 +292,8 @@ void simplify_covariance(std::vector<Edit>& edits, const System& system, Covaria
   const auto edit = [&](std::size_t k, auto change) {
     edits.push_back([=](System& edited) { change((edited.*member).value.matrices[k]); });
   };
-  const bool all_identity = std::ranges::all_of(
-      Q.value.matrices, [](const Matrix<double>& X) { return X == Matrix<double>::Identity(X.rows(), X.cols()); });
+  const bool all_identity =
+      std::ranges::all_of(Q.value.matrices, [](const Matrix<double>& X) { return X == Matrix<double>::Identity(X.rows(), X.cols()); });
   if (all_identity) {
     if (Q.written == Covariance::Written::root)
       edits.push_back([=](System& edited) { (edited.*member).written = Covariance::Written::covariance; });
@@ -310,8 +306,7 @@ void simplify_covariance(std::vector<Edit>& edits, const System& system, Covaria
     if (!X.isDiagonal(0)) edit(k, [](Matrix<double>& Y) { Y = Matrix<double>(Y.diagonal().asDiagonal()); });
   }
   // A single entry of a covariance is free only if it stands alone; those of a root are free.
-  const bool all_diagonal =
-      std::ranges::all_of(Q.value.matrices, [](const Matrix<double>& X) { return X.isDiagonal(0); });
+  const bool all_diagonal = std::ranges::all_of(Q.value.matrices, [](const Matrix<double>& X) { return X.isDiagonal(0); });
   if (Q.written == Covariance::Written::covariance && !all_diagonal) {
     std::vector<Matrix<double>> roots;
     for (const Matrix<double>& X : Q.value.matrices) {
@@ -342,8 +337,7 @@ std::vector<Edit> edits_of(const System& system, const Options& options) {
     for (const SequenceOf member : sequences)
       if ((system.*member).matrices.size() > 1) edits.push_back([=](System& edited) { make_constant(edited.*member); });
     for (const CovarianceOf member : covariances)
-      if ((system.*member).value.matrices.size() > 1)
-        edits.push_back([=](System& edited) { make_constant((edited.*member).value); });
+      if ((system.*member).value.matrices.size() > 1) edits.push_back([=](System& edited) { make_constant((edited.*member).value); });
   }
   const Dimensions size = system.dimensions();
   if (size.p > options.p.least)
@@ -372,8 +366,7 @@ struct Shrinks {
 };
 
 rc::Shrinkable<System> draw_numbered(const rc::Gen<System>& gen, std::uint64_t seed, int number, int cases) {
-  const int size = cases > 1 ? static_cast<int>(static_cast<std::int64_t>(rc::kNominalSize) * number / (cases - 1))
-                             : rc::kNominalSize;
+  const int size = cases > 1 ? static_cast<int>(static_cast<std::int64_t>(rc::kNominalSize) * number / (cases - 1)) : rc::kNominalSize;
   return gen(rc::Random(rc::Random::Key{seed, static_cast<std::uint64_t>(number), 0, 0}), size);
 }
 
@@ -385,9 +378,8 @@ rc::Gen<System> systems(const Options& options) {
   };
 }
 
-std::optional<Counterexample> smallest_failure(const rc::Gen<System>& gen,
-                                               const std::function<bool(const System&)>& fails, std::uint64_t seed,
-                                               int cases) {
+std::optional<Counterexample> smallest_failure(const rc::Gen<System>& gen, const std::function<bool(const System&)>& fails,
+                                               std::uint64_t seed, int cases) {
   for (int number = 0; number < cases; ++number) {
     const rc::Shrinkable<System> drawn = draw_numbered(gen, seed, number, cases);
     System system = drawn.value();

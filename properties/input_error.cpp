@@ -42,7 +42,9 @@ std::size_t edits(std::string_view a, std::string_view b) {
 }  // namespace
 
 InputError::InputError(Place place, std::string found, std::string expected)
-    : std::runtime_error(sentence(place, found, expected)), place_(std::move(place)), found_(std::move(found)),
+    : std::runtime_error(sentence(place, found, expected)),
+      place_(std::move(place)),
+      found_(std::move(found)),
       expected_(std::move(expected)) {}
 
 std::vector<std::string> near_misses(std::string_view name, std::span<const std::string> known) {
@@ -50,8 +52,7 @@ std::vector<std::string> near_misses(std::string_view name, std::span<const std:
   std::vector<std::pair<std::size_t, std::string>> near;
   for (const std::string& candidate : known) {
     const std::size_t distance = edits(name, candidate);
-    if (distance <= std::max<std::size_t>(1, std::max(name.size(), candidate.size()) / 3))
-      near.emplace_back(distance, candidate);
+    if (distance <= std::max<std::size_t>(1, std::max(name.size(), candidate.size()) / 3)) near.emplace_back(distance, candidate);
   }
   std::stable_sort(near.begin(), near.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
   std::vector<std::string> names;

@@ -43,9 +43,9 @@ ObservedStep observe(const Metadata& filter, const Problem<InformationModel<doub
                      const Matrix<double>& before, const Step<double>& step) {
   const auto& dynamics = problem.model(std::max<std::int64_t>(k - 1, 0));
   const auto& model = problem.model(k);
-  InformationStep seen{
-      dynamics.A_inverse,          dynamics.A_inverse_B, model.C,           upper(dynamics.Q_inverse_root),
-      upper(model.R_inverse_root), upper(before),        upper(*step.held), *step.gain};
+  InformationStep seen{dynamics.A_inverse,          dynamics.A_inverse_B,         model.C,
+                       upper(dynamics.Q_inverse_root), upper(model.R_inverse_root), upper(before),
+                       upper(*step.held),           *step.gain};
   return {filter, model.dimensions(), k, std::nullopt, std::move(seen)};
 }
 
@@ -90,9 +90,7 @@ LawReport check_laws(AnyFilter<double>& filter, const AnyProblem<double>& proble
     const Step<double> step = filter.step(report.steps, nullptr, nullptr);
     report.status = step.report.status;
     if (!step.report) break;
-    judge(report,
-          std::visit([&](const auto& any) { return observe(filter.metadata(), any, report.steps, before, step); },
-                     problem));
+    judge(report, std::visit([&](const auto& any) { return observe(filter.metadata(), any, report.steps, before, step); }, problem));
     before = *step.held;
   }
   return report;

@@ -22,7 +22,7 @@ struct Node {
   };
 
   std::variant<double, std::int64_t, std::string, List, Table, Other> value;
-  int line = 0;  ///< counted from 1; 0 in JSON
+  int line = 0;         ///< counted from 1; 0 in JSON
   int column = 0;
   std::string pointer;  ///< JSON pointer; empty in TOML
 

@@ -52,8 +52,7 @@ class Builder : public nlohmann::json_sax<nlohmann::json> {
       throw InputError({origin_, 0, 0, open_.back()->pointer + "/" + escaped(name), {}}, "this key a second time",
                        "each key once");
     if (table.size() == most_keys)
-      throw InputError({origin_, 0, 0, open_.back()->pointer, {}}, "more than " + std::to_string(most_keys) + " keys",
-                       "a system");
+      throw InputError({origin_, 0, 0, open_.back()->pointer, {}}, "more than " + std::to_string(most_keys) + " keys", "a system");
     key_ = name;
     return true;
   }
@@ -97,8 +96,8 @@ class Builder : public nlohmann::json_sax<nlohmann::json> {
   template <class Value>
   bool open(Value value) {
     if (open_.size() == deepest)
-      throw InputError({origin_, 0, 0, open_.back()->pointer, {}},
-                       "values nested deeper than " + std::to_string(deepest), "a system");
+      throw InputError({origin_, 0, 0, open_.back()->pointer, {}}, "values nested deeper than " + std::to_string(deepest),
+                       "a system");
     Node node;
     node.value = std::move(value);
     open_.push_back(place(std::move(node)));
@@ -120,8 +119,7 @@ class Builder : public nlohmann::json_sax<nlohmann::json> {
 Node parse_json(std::string_view text, const std::string& origin) {
   Builder builder(origin);
   nlohmann::json::sax_parse(text.begin(), text.end(), &builder);
-  if (!builder.root.table())
-    throw InputError({origin, 0, 0, {}, {}}, "a file that holds no table", "{ \"name\": ..., \"A\": ... }");
+  if (!builder.root.table()) throw InputError({origin, 0, 0, {}, {}}, "a file that holds no table", "{ \"name\": ..., \"A\": ... }");
   return std::move(builder.root);
 }
 

@@ -43,8 +43,8 @@ Node parse_toml(std::string_view text, const std::string& origin) {
     return convert(toml::parse(text, origin));
   } catch (const toml::parse_error& error) {
     const toml::source_position at = error.source().begin;
-    throw InputError({origin, static_cast<int>(at.line), static_cast<int>(at.column), {}, {}},
-                     std::string(error.description()), "TOML");
+    throw InputError({origin, static_cast<int>(at.line), static_cast<int>(at.column), {}, {}}, std::string(error.description()),
+                     "TOML");
   }
 }
 

@@ -42,6 +42,16 @@ struct Scale {
   }
 };
 
+Number one_norm(const Numbers& X) {
+  Number largest = 0;
+  for (Index j = 0; j < X.cols; ++j) {
+    Number sum = 0;
+    for (Index i = 0; i < X.rows; ++i) sum += abs(X(i, j));
+    largest = std::max(largest, sum);
+  }
+  return largest;
+}
+
 }  // namespace
 
 Precise::Precise(const Matrix<double>& X) {
@@ -195,6 +205,13 @@ double Precise::norm() const {
   Number sum = 0;
   for (const Number& x : numbers_->entries) sum += x * x;
   return sqrt(sum).convert_to<double>();
+}
+
+double Precise::condition() const {
+  if (rows() == 0) return 1;
+  const auto inverted = inverse();
+  if (!inverted) return std::numeric_limits<double>::infinity();
+  return Number(one_norm(*numbers_) * one_norm(*inverted->numbers_)).convert_to<double>();
 }
 
 }  // namespace kfstab::properties

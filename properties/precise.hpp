@@ -35,9 +35,8 @@ class Precise {
   /// The diagonal multiplied by (1 + relative): X + relative diag(X).
   Precise with_diagonal_raised(double relative) const;
 
-  /// Lower L with LL' = X and a diagonal >= 0, from X's lower triangle; a pivot of 0 gives a column of 0. Nothing if
-  /// X is not positive semidefinite. A pivot counts as 0 when less than 10^-70 is left of the terms that it was
-  /// subtracted from.
+  /// Lower L with LL' = X and a diagonal >= 0, from X's lower triangle; a pivot of 0 gives a column of 0. Nothing if X is not
+  /// positive semidefinite. A pivot counts as 0 when less than 10^-70 is left of the terms that it was subtracted from.
   std::optional<Precise> lower_root() const;
   /// Nothing if X is singular, by the same measure of a pivot.
   std::optional<Precise> inverse() const;
@@ -46,6 +45,8 @@ class Precise {
 
   /// The Frobenius norm.
   double norm() const;
+  /// The condition number in the 1-norm; infinite if singular, 1 if there is nothing (0 x 0).
+  double condition() const;
 
  private:
   explicit Precise(std::shared_ptr<const Numbers> numbers) : numbers_(std::move(numbers)) {}

@@ -7,9 +7,9 @@
 #include <stdexcept>
 #include <utility>
 
-#include <fmt/format.h>
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
+#include <fmt/format.h>
 
 #include <kfstab/properties/precise.hpp>
 
@@ -35,8 +35,7 @@ std::optional<Precise> root_of_covariance(const Matrix<double>& Q) {
   return exact.with_diagonal_raised(static_cast<double>(Q.rows()) * eps).lower_root();
 }
 
-/// Definite for certain, by a Cholesky factorisation in double that has more than its rounding to spare: saves the
-/// slow test.
+/// Definite for certain, by a Cholesky factorisation in double that has more than its rounding to spare: saves the slow test.
 bool plainly_definite(const Matrix<double>& scaled) {
   const double n = static_cast<double>(scaled.rows());
   Matrix<double> lowered = scaled;
@@ -91,8 +90,7 @@ Matrix<double> as_root(std::string_view name, const Covariance& Q, std::size_t k
 /// columns counted from the end.
 Matrix<double> as_information_root(std::string_view name, const Covariance& Q, std::size_t k) {
   const std::string what = named(name, Q.value, k);
-  if (singular(Q, k))
-    throw Refused{fmt::format("the information form needs a positive definite {}: {} is singular", name, what)};
+  if (singular(Q, k)) throw Refused{fmt::format("the information form needs a positive definite {}: {} is singular", name, what)};
   Precise X(Q.value.matrices[k]);
   if (Q.written == Covariance::Written::root) X = X * X.transposed();
   const auto root = X.reversed().lower_root();
@@ -114,7 +112,8 @@ std::vector<Matrix<double>> each(Convert convert, std::string_view name, const C
 std::size_t model_count(const System& system) {
   const auto steps = static_cast<std::size_t>(std::max<std::int64_t>(system.steps, 1));
   std::size_t count = 1;
-  for (const Sequence* sequence : {&system.A, &system.B, &system.C, &system.D, &system.Q.value, &system.R.value}) {
+  for (const Sequence* sequence :
+       {&system.A, &system.B, &system.C, &system.D, &system.Q.value, &system.R.value}) {
     const std::size_t period = sequence->matrices.size();
     if (period == 1) continue;
     if (sequence->kind == Sequence::Kind::list) return steps;
@@ -175,8 +174,7 @@ AnyProblem<double> information_problem(const System& system) {
   A_inverse.reserve(system.A.matrices.size());
   for (std::size_t k = 0; k < system.A.matrices.size(); ++k) {
     auto inverse = Precise(system.A.matrices[k]).inverse();
-    if (!inverse)
-      throw Refused{"the information form needs an invertible A: " + named("A", system.A, k) + " is singular"};
+    if (!inverse) throw Refused{"the information form needs an invertible A: " + named("A", system.A, k) + " is singular"};
     A_inverse.push_back(*std::move(inverse));
   }
   Problem<InformationModel<double>> problem;

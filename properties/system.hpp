@@ -46,12 +46,11 @@ struct Covariance {
 
 /// A Kalman filtering problem as somebody wrote it:
 ///
-///     x_{k+1} = A x_k + B w_k + D u_k,    y_k = C x_k + v_k,    E w w' = Q,    E v v' = R,
-///     x_{0|-1} = x0,    P_{0|-1} = P0
+///     x_{k+1} = A x_k + B w_k + D u_k,    y_k = C x_k + v_k,    E w w' = Q,    E v v' = R,    x_{0|-1} = x0, P_{0|-1} = P0
 ///
-/// A (n x n), B (n x m), C (p x n), D (n x inputs; no columns where there is no known input), Q (m x m), R (p x p),
-/// each constant, periodic or one a step; P0 (n x n) and x0 (n) are constant. Read from a file (system_file.hpp),
-/// drawn (generators.hpp) or made in code. Units are the writer's.
+/// A (n x n), B (n x m), C (p x n), D (n x inputs; no columns where there is no known input), Q (m x m), R (p x p), each
+/// constant, periodic or one a step; P0 (n x n) and x0 (n) are constant. Read from a file (system_file.hpp), drawn
+/// (generators.hpp) or made in code. Units are the writer's.
 struct System {
   std::string name;
   std::string description;
@@ -77,29 +76,28 @@ struct Refusal {
   std::string reason;
 };
 
-/// The numbers that one parametrisation takes of a system, each the exact value from the numbers written, rounded
-/// once to double:
+/// The numbers that one parametrisation takes of a system, each the exact value from the numbers written, rounded once
+/// to double:
 ///
 ///  - what is written in the form asked for is passed on bit by bit;
 ///  - covariance from a root: LL', exactly symmetric;
-///  - root from a covariance: the lower Cholesky root with a diagonal >= 0. A pivot of 0 gives a column of 0. A
-///    covariance that is positive semidefinite only up to its own rounding (see admissible_covariance) has (1 + n
-///    eps) times its diagonal under its root;
+///  - root from a covariance: the lower Cholesky root with a diagonal >= 0. A pivot of 0 gives a column of 0. A covariance
+///    that is positive semidefinite only up to its own rounding (see admissible_covariance) has (1 + n eps) times its
+///    diagonal under its root;
 ///  - information: A^{-1}, A^{-1}B, and upper roots of Q^{-1}, R^{-1}, P0^{-1} with a positive diagonal.
 ///
-/// Models are made for one common period (the least common multiple), for each step if any matrix is listed, and
-/// never for more than steps. Refuses a singular A, Q, R or P0 in the information form and values beyond the range of
-/// double.
+/// Models are made for one common period (the least common multiple), for each step if any matrix is listed, and never
+/// for more than steps. Refuses a singular A, Q, R or P0 in the information form and values beyond the range of double.
 std::variant<AnyProblem<double>, Refusal> problem(const System& system, Parametrisation form);
 
-/// Why the filter does not apply to the system, or nothing: its metadata's needs, one by one. Singular means exactly
-/// so, for the numbers written, not nearly so.
+/// Why the filter does not apply to the system, or nothing: its metadata's needs, one by one. Singular means exactly so,
+/// for the numbers written, not nearly so.
 std::optional<Refusal> refusal(const Metadata& filter, const System& system);
 
-/// Whether Q may stand for a covariance: entries finite, exactly symmetric, and positive semidefinite but for
-/// rounding, that is the smallest eigenvalue of Q scaled to a unit diagonal is >= -n eps, eps = 2^-52. The tolerance
-/// is what rounding each entry of a singular covariance can do; scaling makes it as strict for the smallest component
-/// as for the largest. Gives what is wrong, or nothing. Q is square.
+/// Whether Q may stand for a covariance: entries finite, exactly symmetric, and positive semidefinite but for rounding,
+/// that is the smallest eigenvalue of Q scaled to a unit diagonal is >= -n eps, eps = 2^-52. The tolerance is what
+/// rounding each entry of a singular covariance can do; scaling makes it as strict for the smallest component as for the
+/// largest. Gives what is wrong, or nothing. Q is square.
 std::optional<std::string> admissible_covariance(const Matrix<double>& Q);
 
 }  // namespace kfstab::properties

@@ -68,8 +68,8 @@ class Reader {
 
   System system() {
     require_known_keys(*root_.table(), "",
-                       {"name", "description", "source", "parameters", "A", "B", "C", "D", "Q", "Q_root", "R", "R_root",
-                        "P0", "S0", "x0", "steps", "measurements", "inputs"});
+                       {"name", "description", "source", "parameters", "A", "B", "C", "D", "Q", "Q_root", "R", "R_root", "P0",
+                        "S0", "x0", "steps", "measurements", "inputs"});
     read_texts();
     read_parameters();
     read_steps();
@@ -79,7 +79,7 @@ class Reader {
   }
 
  private:
-  // --- where and what -----------------------------------------------------------------------------------------------
+  // --- where and what -------------------------------------------------------------------------------------------------
 
   Place place(const Node& node, std::string field) const {
     return {origin_, node.line, node.column, node.pointer, std::move(field)};
@@ -98,15 +98,14 @@ class Reader {
     throw InputError({origin_, 0, 0, {}, std::string(key)}, "no such key", std::string(what));
   }
 
-  void require_known_keys(const Node::Table& table, std::string_view field,
-                          const std::vector<std::string>& known) const {
+  void require_known_keys(const Node::Table& table, std::string_view field, const std::vector<std::string>& known) const {
     for (const auto& [key, node] : table)
       if (std::ranges::find(known, key) == known.end())
         refuse(node, field.empty() ? key : fmt::format("{}.{}", field, key), "an unknown key " + in_quotes(key),
                "one of " + joined(known) + did_you_mean(key, known));
   }
 
-  // --- numbers ------------------------------------------------------------------------------------------------------
+  // --- numbers --------------------------------------------------------------------------------------------------------
 
   std::string number_words() const {
     std::vector<std::string> names;
@@ -140,20 +139,18 @@ class Reader {
     return static_cast<Index>(*value);
   }
 
-  // --- texts, parameters, steps -------------------------------------------------------------------------------------
+  // --- texts, parameters, steps ---------------------------------------------------------------------------------------
 
   void read_texts() {
     const Node& name = required("name", "the system's name, a text");
     if (!name.text()) refuse(name, "name", kind(name), "a text");
     const auto plain = [](char c) {
-      return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' || c == '_' ||
-             c == '.';
+      return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' || c == '_' || c == '.';
     };
     // It becomes a part of file names.
-    if (name.text()->empty() || name.text()->size() > 100 || name.text()->front() == '.' ||
-        name.text()->front() == '-' || !std::ranges::all_of(*name.text(), plain))
-      refuse(name, "name", in_quotes(*name.text()),
-             "1 to 100 letters, digits, '-', '_' or '.', a letter or a digit first");
+    if (name.text()->empty() || name.text()->size() > 100 || name.text()->front() == '.' || name.text()->front() == '-' ||
+        !std::ranges::all_of(*name.text(), plain))
+      refuse(name, "name", in_quotes(*name.text()), "1 to 100 letters, digits, '-', '_' or '.', a letter or a digit first");
     system_.name = *name.text();
     for (const auto& [key, target] :
          {std::pair{"description", &system_.description}, std::pair{"source", &system_.source}})
@@ -186,10 +183,8 @@ class Reader {
     }
     for (const auto& [name, value] : overrides_.parameters)
       if (std::ranges::find(known, name) == known.end())
-        throw InputError({origin_, 0, 0, {}, "parameters." + name},
-                         "a value for " + in_quotes(name) + ", which the file does not define",
-                         known.empty() ? "none: the file has no [parameters]"
-                                       : "one of " + joined(known) + did_you_mean(name, known));
+        throw InputError({origin_, 0, 0, {}, "parameters." + name}, "a value for " + in_quotes(name) + ", which the file does not define",
+                         known.empty() ? "none: the file has no [parameters]" : "one of " + joined(known) + did_you_mean(name, known));
 
     while (!open.empty()) {
       bool progress = false;
@@ -223,8 +218,7 @@ class Reader {
     const Node& node = required("steps", "the number of steps, an integer >= 1");
     const double steps = number(node, "steps");
     if (steps < 1 || steps > largest_steps || steps != std::floor(steps))
-      refuse(node, "steps", node.text() ? fmt::format("{} = {}", in_quotes(*node.text()), steps) : kind(node),
-             "an integer >= 1");
+      refuse(node, "steps", node.text() ? fmt::format("{} = {}", in_quotes(*node.text()), steps) : kind(node), "an integer >= 1");
     written_steps_ = static_cast<std::int64_t>(steps);
     system_.steps = overrides_.steps.value_or(written_steps_);
     if (system_.steps < 1) refuse(node, "steps", fmt::format("{} instead of it", system_.steps), "an integer >= 1");
@@ -236,26 +230,21 @@ class Reader {
       refuse(node, field, fmt::format("{} {}", length, what), fmt::format("{}, one for each step", written_steps_));
     if (system_.steps > written_steps_)
       refuse(node, field, fmt::format("{} {}", length, what),
-             fmt::format("{} for the {} steps that are asked for instead of {}", system_.steps, system_.steps,
-                         written_steps_));
+             fmt::format("{} for the {} steps that are asked for instead of {}", system_.steps, system_.steps, written_steps_));
   }
 
-  // --- matrices -----------------------------------------------------------------------------------------------------
+  // --- matrices -------------------------------------------------------------------------------------------------------
 
-  Matrix<double> from_rows(const Node& node, const Node::List& rows, const std::string& field,
-                           const Shape& shape) const {
+  Matrix<double> from_rows(const Node& node, const Node::List& rows, const std::string& field, const Shape& shape) const {
     const Index count = static_cast<Index>(rows.size());
-    if (count > largest_dimension)
-      refuse(node, field, fmt::format("{} rows", count), fmt::format("at most {}", largest_dimension));
+    if (count > largest_dimension) refuse(node, field, fmt::format("{} rows", count), fmt::format("at most {}", largest_dimension));
     if (count == 0) return Matrix<double>(0, std::max<Index>(shape.cols, 0));
     Matrix<double> X;
     for (Index i = 0; i < count; ++i) {
       const Node& row = rows[static_cast<std::size_t>(i)];
       const std::string row_field = fmt::format("{}[{}]", field, i);
       const Node::List* entries = row.list();
-      if (!entries)
-        refuse(row, row_field, kind(row),
-               fmt::format("a row: {} is a list of rows, [[...], [...]], even if there is one", field));
+      if (!entries) refuse(row, row_field, kind(row), fmt::format("a row: {} is a list of rows, [[...], [...]], even if there is one", field));
       const Index width = static_cast<Index>(entries->size());
       if (i == 0) {
         if (width > largest_dimension)
@@ -263,16 +252,14 @@ class Reader {
         X.resize(count, width);
       }
       if (width != X.cols())
-        refuse(row, row_field, fmt::format("a row of {} entries", width),
-               fmt::format("{}, as the first row has", X.cols()));
+        refuse(row, row_field, fmt::format("a row of {} entries", width), fmt::format("{}, as the first row has", X.cols()));
       for (Index j = 0; j < width; ++j)
         X(i, j) = number((*entries)[static_cast<std::size_t>(j)], fmt::format("{}[{},{}]", field, i, j));
     }
     return X;
   }
 
-  Matrix<double> from_table(const Node& node, const Node::Table& table, const std::string& field,
-                            bool over_time) const {
+  Matrix<double> from_table(const Node& node, const Node::Table& table, const std::string& field, bool over_time) const {
     std::vector<std::string> known = {"diagonal", "identity", "scale"};
     if (over_time) known.insert(known.end(), {"list", "period"});
     require_known_keys(table, field, known);
@@ -280,8 +267,7 @@ class Reader {
     const Node* identity = member(table, "identity");
     const Node* scale = member(table, "scale");
     if (!diagonal == !identity || (scale && !identity))
-      refuse(node, field, "a table that is none of these",
-             "{ diagonal = [...] }, { identity = n } or { identity = n, scale = s }");
+      refuse(node, field, "a table that is none of these", "{ diagonal = [...] }, { identity = n } or { identity = n, scale = s }");
     if (identity) {
       const Index n = size(*identity, field + ".identity");
       return Matrix<double>::Identity(n, n) * (scale ? number(*scale, field + ".scale") : 1.0);
@@ -290,8 +276,7 @@ class Reader {
     if (!entries) refuse(*diagonal, field + ".diagonal", kind(*diagonal), "a list of numbers");
     const Index n = static_cast<Index>(entries->size());
     if (n > largest_dimension)
-      refuse(*diagonal, field + ".diagonal", fmt::format("{} entries", n),
-             fmt::format("at most {}", largest_dimension));
+      refuse(*diagonal, field + ".diagonal", fmt::format("{} entries", n), fmt::format("at most {}", largest_dimension));
     Matrix<double> X = Matrix<double>::Zero(n, n);
     for (Index i = 0; i < n; ++i)
       X(i, i) = number((*entries)[static_cast<std::size_t>(i)], fmt::format("{}.diagonal[{}]", field, i));
@@ -324,14 +309,12 @@ class Reader {
       return X;
     };
     const Node::Table* table = node.table();
-    for (const auto& [key, of_kind] :
-         {std::pair{"list", Sequence::Kind::list}, std::pair{"period", Sequence::Kind::periodic}}) {
+    for (const auto& [key, of_kind] : {std::pair{"list", Sequence::Kind::list}, std::pair{"period", Sequence::Kind::periodic}}) {
       const Node* items = table ? member(*table, key) : nullptr;
       if (!items) continue;
       const std::string items_field = field + "." + key;
       if (table->size() > 1) refuse(node, field, "more keys beside " + in_quotes(key), "no other key");
-      if (!items->list() || items->list()->empty())
-        refuse(*items, items_field, kind(*items), "a list of matrices, at least one");
+      if (!items->list() || items->list()->empty()) refuse(*items, items_field, kind(*items), "a list of matrices, at least one");
       if (of_kind == Sequence::Kind::list) require_one_a_step(*items, items_field, items->list()->size(), "matrices");
       std::vector<Matrix<double>> matrices;
       matrices.reserve(items->list()->size());
@@ -349,8 +332,7 @@ class Reader {
   /// The node of an entry where it was written as rows; else that of the matrix.
   static const Node& entry(const Node& node, Index i, Index j) {
     if (const Node::List* rows = node.list())
-      if (const Node::List* row = (*rows)[static_cast<std::size_t>(i)].list())
-        return (*row)[static_cast<std::size_t>(j)];
+      if (const Node::List* row = (*rows)[static_cast<std::size_t>(i)].list()) return (*row)[static_cast<std::size_t>(j)];
     return node;
   }
 
@@ -360,7 +342,8 @@ class Reader {
         if (X(i, j) != X(j, i))
           refuse(entry(node, i, j), fmt::format("{}[{},{}]", field, i, j), fmt::format("{}", X(i, j)),
                  fmt::format("{}, the same as {}[{},{}]: a covariance is symmetric", X(j, i), field, j, i));
-    if (const auto wrong = admissible_covariance(X)) refuse(node, field, *wrong, "a positive semidefinite matrix");
+    if (const auto wrong = admissible_covariance(X))
+      refuse(node, field, *wrong, "a positive semidefinite matrix");
   }
 
   void require_lower(const Node& node, const std::string& field, const Matrix<double>& X) const {
@@ -436,15 +419,13 @@ class Reader {
     }
   }
 
-  // --- data ---------------------------------------------------------------------------------------------------------
+  // --- data -----------------------------------------------------------------------------------------------------------
 
   /// One row a step, or a CSV file with one: width x steps.
-  Matrix<double> rows_of_data(const Node& node, const std::string& field, const std::string& column,
-                              Index width) const {
+  Matrix<double> rows_of_data(const Node& node, const std::string& field, const std::string& column, Index width) const {
     if (const Node::Table* table = node.table()) {
       const Node* csv = member(*table, "csv");
-      if (!csv || !csv->text())
-        refuse(csv ? *csv : node, field + ".csv", csv ? kind(*csv) : "no such key", "the name of a CSV file");
+      if (!csv || !csv->text()) refuse(csv ? *csv : node, field + ".csv", csv ? kind(*csv) : "no such key", "the name of a CSV file");
       // A file name is looked for beside the system file; an absolute one stands as it is.
       const std::filesystem::path file = folder_ / *csv->text();
       Matrix<double> data;
@@ -480,39 +461,30 @@ class Reader {
   void read_data() {
     const Node* measurements = top("measurements");
     const Node* inputs = top("inputs");
-    if (inputs && system_.inputs() == 0)
-      refuse(*inputs, "inputs", "inputs without a D", "a D (n x inputs) that they act through");
-    if (inputs && !measurements)
-      refuse(*inputs, "inputs", "inputs without measurements",
-             "both or none: without measurements no state is computed");
+    if (inputs && system_.inputs() == 0) refuse(*inputs, "inputs", "inputs without a D", "a D (n x inputs) that they act through");
+    if (inputs && !measurements) refuse(*inputs, "inputs", "inputs without measurements", "both or none: without measurements no state is computed");
     if (!measurements) return;
     if (system_.inputs() > 0 && !inputs)
-      throw InputError(
-          {origin_, 0, 0, {}, "inputs"}, "no such key",
-          fmt::format("the {} inputs of each step, for D has {} columns", system_.inputs(), system_.inputs()));
+      throw InputError({origin_, 0, 0, {}, "inputs"}, "no such key", fmt::format("the {} inputs of each step, for D has {} columns", system_.inputs(), system_.inputs()));
 
     Matrix<double> u;
     if (inputs) u = rows_of_data(*inputs, "inputs", "u", system_.inputs());
 
     if (const Node::Table* table = measurements->table()) {
       require_known_keys(*table, "measurements", {"csv", "simulate"});
-      if (table->size() != 1)
-        refuse(*measurements, "measurements", fmt::format("{} keys", table->size()), "one of csv and simulate");
+      if (table->size() != 1) refuse(*measurements, "measurements", fmt::format("{} keys", table->size()), "one of csv and simulate");
       if (const Node* simulate = member(*table, "simulate")) {
         if (!simulate->table()) refuse(*simulate, "measurements.simulate", kind(*simulate), "{ seed = 1 }");
         require_known_keys(*simulate->table(), "measurements.simulate", {"seed"});
         const Node* seed = member(*simulate->table(), "seed");
         const auto* value = seed ? std::get_if<std::int64_t>(&seed->value) : nullptr;
         if (!value || *value < 0)
-          refuse(seed ? *seed : *simulate, "measurements.simulate.seed", seed ? kind(*seed) : "no such key",
-                 "an integer >= 0");
-        system_.data = std::make_shared<Simulated>(
-            system_, overrides_.seed.value_or(static_cast<std::uint64_t>(*value)), std::move(u));
+          refuse(seed ? *seed : *simulate, "measurements.simulate.seed", seed ? kind(*seed) : "no such key", "an integer >= 0");
+        system_.data = std::make_shared<Simulated>(system_, overrides_.seed.value_or(static_cast<std::uint64_t>(*value)), std::move(u));
         return;
       }
     }
-    system_.data = std::make_shared<Recorded>(rows_of_data(*measurements, "measurements", "y", system_.dimensions().p),
-                                              std::move(u));
+    system_.data = std::make_shared<Recorded>(rows_of_data(*measurements, "measurements", "y", system_.dimensions().p), std::move(u));
   }
 
   const Node& root_;
@@ -524,7 +496,7 @@ class Reader {
   System system_;
 };
 
-// --- writing --------------------------------------------------------------------------------------------------------
+// --- writing ------------------------------------------------------------------------------------------------------------
 
 std::string text_literal(const std::string& text) {
   std::string literal = "\"";

@@ -25,17 +25,16 @@ struct Overrides {
   std::optional<std::uint64_t> seed;
 };
 
-/// Reads a system file: JSON if its name ends in .json, else TOML. CSV files are looked for beside it. Throws
-/// InputError for whatever is wrong in the file, a missing or unreadable file included.
+/// Reads a system file: JSON if its name ends in .json, else TOML. CSV files are looked for beside it. Throws InputError
+/// for whatever is wrong in the file, a missing or unreadable file included.
 System read_system(const std::filesystem::path& path, const Overrides& overrides = {});
 
 /// Reads a system from memory. origin stands for the file's name in messages; CSV files are looked for in folder.
 System read_system_text(std::string_view text, Format format, std::string origin, const Overrides& overrides = {},
                         const std::filesystem::path& folder = {});
 
-/// The system as TOML that reads back as the same system, bit by bit: numbers are the shortest that round-trip,
-/// parameters keep their values (expressions are gone), data are written row by row but for simulated ones, which
-/// keep their seed.
+/// The system as TOML that reads back as the same system, bit by bit: numbers are the shortest that round-trip, parameters
+/// keep their values (expressions are gone), data are written row by row but for simulated ones, which keep their seed.
 std::string write_system(const System& system);
 
 }  // namespace kfstab::properties

@@ -49,21 +49,15 @@ std::optional<double> ratio(const ObservedStep& step) {
 Law gain_innovation() {
   return {
       .id = "gain-innovation",
-      .statement =
-          "K Re = A P C', Re = R + C P C' (Kf Re = P C' for a filter gain); of an information filter, which holds "
-          "P_{k|k}, the "
-          "same law as P_{k|k}^{-1} Kf = C' R^{-1}",
+      .statement = "K Re = A P C', Re = R + C P C' (Kf Re = P C' for a filter gain); of an information filter, which holds P_{k|k}, the "
+                   "same law as P_{k|k}^{-1} Kf = C' R^{-1}",
       .assumptions = "none; a residual, so no condition number enters: even a gain that is wrong by k(Re) u fulfils it",
       .source = "theory 2; the definition of the gain",
-      .tolerance =
-          "30 u (n+m+p) (|K| r + sqrt(a r)), r = |R| + |C|^2 |P|, a = |A|^2 |P| + |B|^2 |Q| (a = |P| for a filter "
-          "gain; |A| |Kf| for |K| in "
-          "coding (v)); "
-          "30 u (n+m+p) (|T|^2 |Kf| + |C| |R^{-1/2}|^2) for an information filter",
-      .failure =
-          "The gain does not belong to P: taken after the update instead of before, R used where its root is meant, a "
-          "factor "
-          "of A too many or too few, or the inverse of Re formed and multiplied.",
+      .tolerance = "30 u (n+m+p) (|K| r + sqrt(a r)), r = |R| + |C|^2 |P|, a = |A|^2 |P| + |B|^2 |Q| (a = |P| for a filter gain; |A| |Kf| for |K| in "
+                   "coding (v)); "
+                   "30 u (n+m+p) (|T|^2 |Kf| + |C| |R^{-1/2}|^2) for an information filter",
+      .failure = "The gain does not belong to P: taken after the update instead of before, R used where its root is meant, a factor "
+                 "of A too many or too few, or the inverse of Re formed and multiplied.",
       .ratio = ratio};
 }
 

@@ -9,8 +9,8 @@ namespace kfstab::properties::laws {
 
 namespace {
 
-/// How far below 0 the smallest eigenvalue of a symmetric matrix lies. X was formed in 100 digits; rounding it to
-/// double costs u |X|, at most a unit or two of the ratio.
+/// How far below 0 the smallest eigenvalue of a symmetric matrix lies. X was formed in 100 digits; rounding it to double costs
+/// u |X|, at most a unit or two of the ratio.
 double below_zero(const Precise& X) {
   const Matrix<double> rounded = X.rounded();
   if (rounded.rows() == 0) return 0;
@@ -51,8 +51,7 @@ std::optional<double> of_information(const ObservedStep& step, const Information
   const Precise Q_inverse = s.Q_inverse_root.transposed() * s.Q_inverse_root;
   const double error = below_zero(Q_inverse - B.transposed() * predicted * B);
 
-  // The pre-array's columns are [Q^{-1/2}; T A^{-1}B; 0] and [0; T A^{-1}; R^{-1/2} C]: the first are eliminated from
-  // the second.
+  // The pre-array's columns are [Q^{-1/2}; T A^{-1}B; 0] and [0; T A^{-1}; R^{-1/2} C]: the first are eliminated from the second.
   const Precise T_B = s.T_before * s.A_inverse_B;
   const auto Qe = (Q_inverse + T_B.transposed() * T_B).inverse();
   if (!Qe) return std::nullopt;
@@ -74,23 +73,16 @@ std::optional<double> ratio(const ObservedStep& step) {
 Law noise_floor() {
   return {
       .id = "noise-floor",
-      .statement =
-          "P+ >= B Q B': no measurement tells of noise that has yet to come. Where P itself has a negative eigenvalue: "
-          "P+ >= B Q B' + "
-          "|F|^2 lambda_min(P), F = A - K C. Of an information filter: Q^{-1} >= B' P_{k|k-1}^{-1} B",
-      .assumptions =
-          "steps that start with |P - P'| <= u (n+m+p) |P|; not the first step of an information filter, which has no "
-          "time update",
+      .statement = "P+ >= B Q B': no measurement tells of noise that has yet to come. Where P itself has a negative eigenvalue: P+ >= B Q B' + "
+                   "|F|^2 lambda_min(P), F = A - K C. Of an information filter: Q^{-1} >= B' P_{k|k-1}^{-1} B",
+      .assumptions = "steps that start with |P - P'| <= u (n+m+p) |P|; not the first step of an information filter, which has no "
+                     "time update",
       .source = "theory 2: P+ - B Q B' = A P_{k|k} A', a covariance",
-      .tolerance =
-          "30 u (n+m+p) kappa (|A|^2 |P| + |B|^2 |Q| + |K| |C P A'|), kappa = (|R| + |C|^2 |P|) |Re^{-1}|; for a "
-          "filter that "
-          "holds S without the last term and with 1 + kappa^{1/2} for kappa; for one that holds T: 30 u (n+m+p) kappa "
-          "(|Q^{-1}| + "
-          "|B|^2 (|T|^2 |A^{-1}|^2 + |R^{-1/2} C|^2)), kappa = 1 + (|Q^{-1/2}| + |T| |A^{-1}B|) |Qe|^{1/2}, "
-          "Qe^{-1} = Q^{-1} + (T A^{-1}B)'(T A^{-1}B)",
-      .failure =
-          "P_{k|k} is not positive semidefinite, or the process noise was added with a wrong sign, weight or root.",
+      .tolerance = "30 u (n+m+p) kappa (|A|^2 |P| + |B|^2 |Q| + |K| |C P A'|), kappa = (|R| + |C|^2 |P|) |Re^{-1}|; for a filter that "
+                   "holds S without the last term and with 1 + kappa^{1/2} for kappa; for one that holds T: 30 u (n+m+p) kappa (|Q^{-1}| + "
+                   "|B|^2 (|T|^2 |A^{-1}|^2 + |R^{-1/2} C|^2)), kappa = 1 + (|Q^{-1/2}| + |T| |A^{-1}B|) |Qe|^{1/2}, "
+                   "Qe^{-1} = Q^{-1} + (T A^{-1}B)'(T A^{-1}B)",
+      .failure = "P_{k|k} is not positive semidefinite, or the process noise was added with a wrong sign, weight or root.",
       .ratio = ratio};
 }
 

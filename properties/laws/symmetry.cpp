@@ -43,20 +43,15 @@ std::optional<double> ratio(const ObservedStep& step) {
 Law symmetry() {
   return {
       .id = "symmetry",
-      .statement =
-          "P+ = P+'; where a coding lets P lose its symmetry: P+ - P+' is what the coding makes of P - P', by its "
-          "formula (i) to (v), and no more than rounding besides",
-      .assumptions =
-          "filters that hold P; of the unsymmetrised ones, steps with |P - P'| kappa <= 2^-30 |P|, where the formulas, "
-          "of first order, hold",
+      .statement = "P+ = P+'; where a coding lets P lose its symmetry: P+ - P+' is what the coding makes of P - P', by its "
+                   "formula (i) to (v), and no more than rounding besides",
+      .assumptions = "filters that hold P; of the unsymmetrised ones, steps with |P - P'| kappa <= 2^-30 |P|, where the formulas, "
+                     "of first order, hold",
       .source = "theory 3, after Verhaegen and Van Dooren 1986",
-      .tolerance =
-          "30 u (n+m+p) |P+|; unsymmetrised: 30 u (n+m+p) kappa (|A|^2 |P| + |B|^2 |Q| + |K| |C| |P| |A|), "
-          "kappa = (|R| + |C|^2 |P|) |Re^{-1}|",
-      .failure =
-          "One half of P+ was computed in another way than the other, or a triangle was not copied. Of an "
-          "unsymmetrised "
-          "coding: it is not the coding that its metadata name.",
+      .tolerance = "30 u (n+m+p) |P+|; unsymmetrised: 30 u (n+m+p) kappa (|A|^2 |P| + |B|^2 |Q| + |K| |C| |P| |A|), "
+                   "kappa = (|R| + |C|^2 |P|) |Re^{-1}|",
+      .failure = "One half of P+ was computed in another way than the other, or a triangle was not copied. Of an unsymmetrised "
+                 "coding: it is not the coding that its metadata name.",
       .ratio = ratio};
 }
 

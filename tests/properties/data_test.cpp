@@ -41,8 +41,7 @@ TEST(Simulated, TheSameSeedGivesTheSameNumbers) {
 
 TEST(Simulated, TheVeryNumbers) {
   // In the order x_0, v_0, w_0, v_1: another generator, or another order of draws, would give other numbers.
-  const System system = read_toml(
-      "name = 'one'\nA = 1\nB = 1\nC = 1\nQ = 1\nR = 1\nP0 = 1\nsteps = 2\nmeasurements = {simulate = {seed = 1}}\n");
+  const System system = read_toml("name = 'one'\nA = 1\nB = 1\nC = 1\nQ = 1\nR = 1\nP0 = 1\nsteps = 2\nmeasurements = {simulate = {seed = 1}}\n");
   boost::random::mt19937_64 engine(1);
   boost::random::normal_distribution<double> normal;
   const double x0 = normal(engine), v0 = normal(engine), w0 = normal(engine), v1 = normal(engine);
@@ -53,9 +52,7 @@ TEST(Simulated, TheVeryNumbers) {
 
 TEST(Simulated, HasTheMomentsOfTheModel) {
   // y_k of a stationary walk: A = 1/2, Q = 3/4, P0 = 1 is its stationary variance; R = 1/4.
-  const System system = read_toml(
-      "name = 'one'\nA = 0.5\nB = 1\nC = 1\nQ = 0.75\nR = 0.25\nP0 = 1\nsteps = 1\nmeasurements = {simulate = {seed = "
-      "3}}\n");
+  const System system = read_toml("name = 'one'\nA = 0.5\nB = 1\nC = 1\nQ = 0.75\nR = 0.25\nP0 = 1\nsteps = 1\nmeasurements = {simulate = {seed = 3}}\n");
   const auto stream = system.data->open();
   const int steps = 200000;
   double sum = 0, squares = 0, lagged = 0, last = 0;
@@ -84,9 +81,7 @@ TEST(Simulated, HasTheMomentsOfTheModel) {
 }
 
 TEST(Simulated, HoldsOneStepHoweverMany) {
-  const System system = read_toml(
-      "name = 'one'\nA = 0.5\nB = 1\nC = 1\nQ = 0.75\nR = 0.25\nP0 = 1\nsteps = 10000000\nmeasurements = {simulate = "
-      "{seed = 3}}\n");
+  const System system = read_toml("name = 'one'\nA = 0.5\nB = 1\nC = 1\nQ = 0.75\nR = 0.25\nP0 = 1\nsteps = 10000000\nmeasurements = {simulate = {seed = 3}}\n");
   EXPECT_EQ(system.steps, 10000000);
   const auto stream = system.data->open();
   const double* where = stream->next().y.data();

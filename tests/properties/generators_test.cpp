@@ -4,9 +4,9 @@
 #include <map>
 #include <set>
 
+#include <Eigen/Dense>
 #include <rapidcheck/Random.h>
 #include <rapidcheck/shrinkable/Operations.h>
-#include <Eigen/Dense>
 
 #include "systems.hpp"
 
@@ -17,7 +17,9 @@ bool diagonal(const Covariance& Q) {
   return std::ranges::all_of(Q.value.matrices, [](const Matrix<double>& X) { return X.isDiagonal(0); });
 }
 
-bool singular(const Matrix<double>& X) { return X.rows() > 0 && Eigen::FullPivLU<Matrix<double>>(X).rank() < X.rows(); }
+bool singular(const Matrix<double>& X) {
+  return X.rows() > 0 && Eigen::FullPivLU<Matrix<double>>(X).rank() < X.rows();
+}
 
 TEST(Generator, DrawsEveryClassOfSystem) {
   std::map<std::string, int> seen;
@@ -98,8 +100,7 @@ TEST(Generator, IsDeterministicAndDeafToTheEnvironment) {
 
 TEST(Shrinking, OfAnySystemEndsAtTheSmallest) {
   for (const int number : {0, 20, 50, 99}) {
-    const auto everything = smallest_failure(
-        systems(), [](const System&) { return true; }, static_cast<std::uint64_t>(number) + 10, 1);
+    const auto everything = smallest_failure(systems(), [](const System&) { return true; }, static_cast<std::uint64_t>(number) + 10, 1);
     ASSERT_TRUE(everything);
     EXPECT_EQ(everything->system.dimensions(), (Dimensions{1, 0, 0}));
     EXPECT_EQ(everything->system.steps, 1);
@@ -147,8 +148,7 @@ TEST(Shrinking, KeepsWhatTheFailureNeeds) {
 }
 
 TEST(Shrinking, FindsNothingWhereNothingFails) {
-  EXPECT_FALSE(smallest_failure(
-      systems(), [](const System&) { return false; }, 6, 100));
+  EXPECT_FALSE(smallest_failure(systems(), [](const System&) { return false; }, 6, 100));
 }
 
 }  // namespace

@@ -50,14 +50,12 @@ class EveryFilter : public ::testing::TestWithParam<Metadata> {
     if (failure) {
       for (const LawResult& result : check_laws(metadata.id, failure->system).results)
         EXPECT_TRUE(result.holds()) << result.law.id << ", ratio " << result.worst << " at step " << result.worst_step;
-      FAIL() << "system " << failure->number << ", after " << failure->shrinks << " shrinks:\n"
-             << write_system(failure->system);
+      FAIL() << "system " << failure->number << ", after " << failure->shrinks << " shrinks:\n" << write_system(failure->system);
     }
     for (const auto& [id, result] : worst) {
       RecordProperty(std::string(id), std::to_string(result.worst));
       const bool none = id == "symmetry" && metadata.holds != Held::covariance;
-      EXPECT_EQ(result.steps > cases, !none)
-          << id << " applied to " << result.steps << " steps of " << cases << " systems";
+      EXPECT_EQ(result.steps > cases, !none) << id << " applied to " << result.steps << " steps of " << cases << " systems";
     }
     EXPECT_GT(applied, cases / 2);
     EXPECT_LT(broke_down, cases / 10);
@@ -75,14 +73,13 @@ TEST_P(EveryFilter, ObeysEveryLawOnIllConditionedSystems) {
   expect_lawful(options, 1989, 200);
 }
 
-INSTANTIATE_TEST_SUITE_P(Registry, EveryFilter, ::testing::ValuesIn(filters().begin(), filters().end()),
-                         [](const auto& parameter) {
-                           std::string name(parameter.param.id);
-                           std::ranges::replace(name, '-', '_');
-                           return name;
-                         });
+INSTANTIATE_TEST_SUITE_P(Registry, EveryFilter, ::testing::ValuesIn(filters().begin(), filters().end()), [](const auto& parameter) {
+  std::string name(parameter.param.id);
+  std::ranges::replace(name, '-', '_');
+  return name;
+});
 
-// --- filters with a mistake -----------------------------------------------------------------------------------------
+// --- filters with a mistake ------------------------------------------------------------------------------------------------
 
 using Model = CovarianceModel<double>;
 
@@ -138,8 +135,7 @@ std::optional<Caught> caught(const Mistaken::Update& step) {
     Mistaken filter(step);
     return check_laws(filter, std::get<AnyProblem<double>>(problem(system, Parametrisation::covariance)), system.steps);
   };
-  const auto failure = smallest_failure(
-      systems(), [&](const System& system) { return !report(system).all_hold(); }, 7, 300);
+  const auto failure = smallest_failure(systems(), [&](const System& system) { return !report(system).all_hold(); }, 7, 300);
   if (!failure) return std::nullopt;
   Caught result{failure->system, {}};
   for (const LawResult& law : report(failure->system).results)
@@ -152,8 +148,7 @@ TEST(Mistakes, NoneIsSeenWhereThereIsNone) {
 }
 
 TEST(Mistakes, RSquaredShrinksToAScalarAndOneStep) {
-  const auto found =
-      caught([](const Model& model, const Matrix<double>& P) { return update(model, P, model.R * model.R); });
+  const auto found = caught([](const Model& model, const Matrix<double>& P) { return update(model, P, model.R * model.R); });
   ASSERT_TRUE(found);
   EXPECT_EQ(found->laws, std::vector<std::string>{"gain-innovation"});
   EXPECT_EQ(found->system.dimensions(), (Dimensions{1, 0, 1})) << write_system(found->system);
@@ -244,14 +239,10 @@ TEST(Mistakes, NotANumber) {
 TEST(Mistakes, ACodingThatIsNotTheOneNamed) {
   class Renamed final : public AnyFilter<double> {
    public:
-    Renamed() : filter_(make_filter<double>("ckf-mixed")), metadata_(filter_->metadata()) {
-      metadata_.asymmetry = Asymmetry::textbook;
-    }
+    Renamed() : filter_(make_filter<double>("ckf-mixed")), metadata_(filter_->metadata()) { metadata_.asymmetry = Asymmetry::textbook; }
     const Metadata& metadata() const override { return metadata_; }
     void start(const AnyProblem<double>& problem) override { filter_->start(problem); }
-    Step<double> step(std::int64_t k, const Vector<double>* y, const Vector<double>* u) override {
-      return filter_->step(k, y, u);
-    }
+    Step<double> step(std::int64_t k, const Vector<double>* y, const Vector<double>* u) override { return filter_->step(k, y, u); }
 
    private:
     std::unique_ptr<AnyFilter<double>> filter_;

@@ -2,9 +2,9 @@
 
 #include <chrono>
 #include <cmath>
+#include <functional>
 #include <filesystem>
 #include <fstream>
-#include <functional>
 #include <iterator>
 #include <limits>
 
@@ -22,14 +22,12 @@ void expect_refused(const std::function<void()>& read, std::initializer_list<std
     FAIL() << "was accepted; expected a message with \"" << *parts.begin() << '"';
   } catch (const InputError& error) {
     const std::string what = error.what();
-    for (const std::string& part : parts)
-      EXPECT_NE(what.find(part), std::string::npos) << '"' << part << "\" is not in: " << what;
+    for (const std::string& part : parts) EXPECT_NE(what.find(part), std::string::npos) << '"' << part << "\" is not in: " << what;
     EXPECT_FALSE(error.found().empty());
     EXPECT_EQ(what.find('\n'), std::string::npos) << what;
   }
 }
-void expect_refused(const std::string& toml, std::initializer_list<std::string> parts,
-                    const Overrides& overrides = {}) {
+void expect_refused(const std::string& toml, std::initializer_list<std::string> parts, const Overrides& overrides = {}) {
   expect_refused([&] { read_toml(toml, overrides); }, parts);
 }
 void expect_line_refused(const std::string& key, const std::string& line, std::initializer_list<std::string> parts) {
@@ -41,16 +39,14 @@ void expect_json_refused(const std::string& json, std::initializer_list<std::str
   expect_refused([&] { read_system_text(json, Format::json, "cart.json"); }, parts);
 }
 
-const std::string valid_json =
-    R"({"name": "cart", "A": [[1, "T"], [0, 1]], "B": [["T^2/2"], ["T"]], "C": [[1, 0]], "Q": [["q"]],
+const std::string valid_json = R"({"name": "cart", "A": [[1, "T"], [0, 1]], "B": [["T^2/2"], ["T"]], "C": [[1, 0]], "Q": [["q"]],
   "R": [[0.25]], "P0": [[2, 0.5], [0.5, 1]], "x0": [1, -1], "steps": 3, "measurements": [[0.5], [1], [1.5]],
   "parameters": {"T": 0.5, "q": "2^-3"}})";
 
 class Folder {
  public:
-  Folder()
-      : path_(fs::temp_directory_path() /
-              ("kfstab-system-file-" + std::to_string(std::chrono::steady_clock::now().time_since_epoch().count()))) {
+  Folder() : path_(fs::temp_directory_path() / ("kfstab-system-file-" + std::to_string(
+      std::chrono::steady_clock::now().time_since_epoch().count()))) {
     fs::create_directory(path_);
   }
   ~Folder() { fs::remove_all(path_); }
@@ -107,8 +103,7 @@ TEST(SystemFile, SizesOfZero) {
   EXPECT_EQ(no_noise.B.at(0).rows(), 1);
   EXPECT_EQ(no_noise.C.at(0).cols(), 1);
   expect_same(read_toml(write_system(no_noise)), no_noise);
-  const System nothing =
-      read_toml("name = 'a'\nsteps = 1\nA = []\nB = []\nC = [[], []]\nQ = 1\nR = { identity = 2 }\nP0 = []\n");
+  const System nothing = read_toml("name = 'a'\nsteps = 1\nA = []\nB = []\nC = [[], []]\nQ = 1\nR = { identity = 2 }\nP0 = []\n");
   EXPECT_EQ(nothing.dimensions(), (Dimensions{0, 1, 2}));
   expect_same(read_toml(write_system(nothing)), nothing);
 }
@@ -140,8 +135,7 @@ TEST(SystemFile, Expressions) {
   EXPECT_EQ(entry("2^-20"), std::ldexp(1, -20));
   EXPECT_EQ(entry("-2^2"), -4);
   EXPECT_EQ(entry("2^3^2"), 512);
-  EXPECT_EQ(entry("sqrt(2)*cos(pi/3) + exp(-1) - sin(1)"),
-            std::sqrt(2.0) * std::cos(std::acos(-1.0) / 3) + std::exp(-1.0) - std::sin(1.0));
+  EXPECT_EQ(entry("sqrt(2)*cos(pi/3) + exp(-1) - sin(1)"), std::sqrt(2.0) * std::cos(std::acos(-1.0) / 3) + std::exp(-1.0) - std::sin(1.0));
   EXPECT_EQ(entry("1e-3 + .5E+1"), 1e-3 + 5);
   EXPECT_EQ(entry("T > 0.25 ? 1 : 2"), 1);
   EXPECT_EQ(entry("min(3, q) + max(1, 2) + pow(2, 3) + atan2(0, 1) + abs(-1)"), 0.125 + 2 + 8 + 1);
@@ -156,8 +150,7 @@ TEST(SystemFile, ParametersInTermsOfEachOther) {
   EXPECT_EQ(read_toml(text, set).parameters.at("q"), 1);
   set.parameters["T"] = "3*c";
   EXPECT_EQ(read_toml(text, set).A.at(0)(0, 1), 6);
-  expect_refused(with(with(valid_toml(), "T", "T = 'q'"), "q", "q = '2*T'"),
-                 {"cart.toml:12:", "parameters.T", "leads back to itself"});
+  expect_refused(with(with(valid_toml(), "T", "T = 'q'"), "q", "q = '2*T'"), {"cart.toml:12:", "parameters.T", "leads back to itself"});
 }
 
 TEST(SystemFile, Overrides) {
@@ -166,8 +159,7 @@ TEST(SystemFile, Overrides) {
   EXPECT_EQ(read_toml(valid_toml(), set).A.at(0)(0, 1), 0.25);
   set.parameters = {{"t", "1"}};
   expect_refused(valid_toml(), {"cart.toml", "parameters.t", "\"t\"", "T, q", "did you mean 'T'"}, set);
-  expect_refused("name = 'a'\nsteps = 1\nA = 1\nB = 1\nC = 1\nQ = 1\nR = 1\nP0 = 1\n",
-                 {"parameters.t", "the file has no [parameters]"}, set);
+  expect_refused("name = 'a'\nsteps = 1\nA = 1\nB = 1\nC = 1\nQ = 1\nR = 1\nP0 = 1\n", {"parameters.t", "the file has no [parameters]"}, set);
   set.parameters = {{"T", "1/0"}};
   expect_refused(valid_toml(), {"cart.toml:12:", "parameters.T", "divides by zero"}, set);
   set = {};
@@ -180,14 +172,8 @@ TEST(SystemFile, Overrides) {
 }
 
 TEST(SystemFile, WhatIsMissing) {
-  for (const auto& [key, words] : std::map<std::string, std::string>{{"name", "name"},
-                                                                     {"A", "n x n"},
-                                                                     {"B", "n x m"},
-                                                                     {"C", "p x n"},
-                                                                     {"Q", "Q_root"},
-                                                                     {"R", "R_root"},
-                                                                     {"P0", "S0"},
-                                                                     {"steps", ">= 1"}}) {
+  for (const auto& [key, words] : std::map<std::string, std::string>{{"name", "name"}, {"A", "n x n"}, {"B", "n x m"}, {"C", "p x n"},
+                                                                     {"Q", "Q_root"}, {"R", "R_root"}, {"P0", "S0"}, {"steps", ">= 1"}}) {
     SCOPED_TRACE(key);
     expect_refused(with(valid_toml(), key, ""), {"cart.toml: " + key + ": found no such key", words});
   }
@@ -207,12 +193,10 @@ TEST(SystemFile, RubbishIn) {
   expect_line_refused("A", "A = {}", {"cart.toml:2:", "A", "{ diagonal = [...] }"});
   expect_line_refused("A", "A = { identity = 2, diagonal = [1] }", {"cart.toml:2:", "A", "{ diagonal = [...] }"});
   expect_line_refused("A", "A = { scale = 2, diagonal = [1] }", {"cart.toml:2:", "A"});
-  expect_line_refused("A", "A = { identity = 1000000000 }",
-                      {"cart.toml:2:", "A.identity", "1000000000", "from 0 to 1000"});
+  expect_line_refused("A", "A = { identity = 1000000000 }", {"cart.toml:2:", "A.identity", "1000000000", "from 0 to 1000"});
   expect_line_refused("A", "A = { identity = -1 }", {"A.identity", "-1"});
   expect_line_refused("A", "A = { identity = 2.5 }", {"A.identity", "2.5"});
-  expect_line_refused("A", "A = { idntity = 2 }",
-                      {"cart.toml:2:17", "A.idntity", "unknown key", "did you mean 'identity'"});
+  expect_line_refused("A", "A = { idntity = 2 }", {"cart.toml:2:17", "A.idntity", "unknown key", "did you mean 'identity'"});
   expect_line_refused("A", "A = { diagonal = 2 }", {"A.diagonal", "found 2", "a list"});
   expect_line_refused("A", "A = { list = [1, 2] }", {"cart.toml:2:14", "A.list", "2 matrices", "3, one for each step"});
   expect_line_refused("A", "A = { period = [] }", {"A.period", "an empty list"});
@@ -226,10 +210,8 @@ TEST(SystemFile, RubbishIn) {
   expect_line_refused("Q", "Q = -1", {"cart.toml:5:5: Q: found a negative variance", "positive semidefinite"});
   expect_line_refused("R", "R = [['-T']]", {"cart.toml:6:", "R", "negative variance"});
   expect_line_refused("P0", "P0 = [[2, 0.5], [0.25, 1]]", {"cart.toml:7:18: P0[1,0]: found 0.25", "0.5", "symmetric"});
-  expect_line_refused("P0", "P0 = [[1, 2], [2, 1]]",
-                      {"cart.toml:7:6: P0", "smallest eigenvalue of -1", "-n eps", "positive semidefinite"});
-  expect_line_refused("P0", "P0 = [[0, 1], [1, 1]]",
-                      {"cart.toml:7:6: P0", "beside a variance", "positive semidefinite"});
+  expect_line_refused("P0", "P0 = [[1, 2], [2, 1]]", {"cart.toml:7:6: P0", "smallest eigenvalue of -1", "-n eps", "positive semidefinite"});
+  expect_line_refused("P0", "P0 = [[0, 1], [1, 1]]", {"cart.toml:7:6: P0", "beside a variance", "positive semidefinite"});
   expect_line_refused("P0", "P0 = { list = [1] }", {"P0.list", "unknown key"});
   expect_line_refused("P0", "S0 = [[1, 2], [0, 1]]", {"cart.toml:7:11: S0[0,1]: found 2", "lower triangular"});
   expect_line_refused("Q", "Q = 1\nQ_root = 1", {"cart.toml:6:10: Q_root: found both Q and Q_root", "one of them"});
@@ -245,8 +227,7 @@ TEST(SystemFile, RubbishIn) {
   expect_line_refused("name", "name = '../cart'", {"cart.toml:1:8: name", "letters, digits"});
   expect_line_refused("name", "name = ''", {"name", "1 to 100 letters"});
   expect_line_refused("name", "name = 'a'\ndescription = 1", {"cart.toml:2:15: description: found 1", "a text"});
-  expect_line_refused("steps", "steps = 3\nmeasurments = []",
-                      {"cart.toml:10:", "measurments", "unknown key", "did you mean 'measurements'"});
+  expect_line_refused("steps", "steps = 3\nmeasurments = []", {"cart.toml:10:", "measurments", "unknown key", "did you mean 'measurements'"});
   expect_refused(valid_toml() + "[extra]\n", {"cart.toml:14:", "extra", "unknown key"});
   expect_refused("", {"cart.toml: name: found no such key"});
 }
@@ -254,8 +235,7 @@ TEST(SystemFile, RubbishIn) {
 TEST(SystemFile, BadExpressions) {
   const auto bad = [](const std::string& expression, std::initializer_list<std::string> parts) {
     SCOPED_TRACE(expression);
-    expect_refused(with(valid_toml(), "x0", "x0 = [0, \"" + expression + "\"]"),
-                   {"cart.toml:8:10: x0[1]: found ", "expression of T, q"});
+    expect_refused(with(valid_toml(), "x0", "x0 = [0, \"" + expression + "\"]"), {"cart.toml:8:10: x0[1]: found ", "expression of T, q"});
     expect_refused(with(valid_toml(), "x0", "x0 = [0, \"" + expression + "\"]"), parts);
   };
   bad("1/0", {"divides by zero"});
@@ -287,39 +267,27 @@ TEST(SystemFile, BadParameters) {
   expect_refused(valid_toml() + "\"a b\" = 3\n", {"cart.toml:14", "\"a b\""});
   expect_refused(valid_toml() + "2a = 3\n", {"cart.toml:14", "\"2a\""});
   expect_refused(valid_toml() + "z = \"1/0\"\n", {"cart.toml:14:5: parameters.z", "divides by zero"});
-  expect_refused("parameters = 3\n" + valid_toml().substr(0, valid_toml().find("[parameters]")),
-                 {"cart.toml:1:14: parameters: found 3"});
+  expect_refused("parameters = 3\n" + valid_toml().substr(0, valid_toml().find("[parameters]")), {"cart.toml:1:14: parameters: found 3"});
 }
 
 TEST(SystemFile, BadData) {
-  expect_line_refused("measurements", "measurements = [[1], [2]]",
-                      {"cart.toml:10:16: measurements: found 2 rows", "3, one for each step"});
-  expect_line_refused("measurements", "measurements = [[1], [2], [3, 4]]",
-                      {"cart.toml:10:", "measurements[2]: found 2 entries", "a row of 1"});
+  expect_line_refused("measurements", "measurements = [[1], [2]]", {"cart.toml:10:16: measurements: found 2 rows", "3, one for each step"});
+  expect_line_refused("measurements", "measurements = [[1], [2], [3, 4]]", {"cart.toml:10:", "measurements[2]: found 2 entries", "a row of 1"});
   expect_line_refused("measurements", "measurements = [[1], [nan], [3]]", {"measurements[1,0]: found nan"});
   expect_line_refused("measurements", "measurements = 3", {"cart.toml:10:", "found 3", "a list of rows"});
-  expect_line_refused("measurements", "measurements = {}",
-                      {"cart.toml:10:", "found 0 keys", "one of csv and simulate"});
+  expect_line_refused("measurements", "measurements = {}", {"cart.toml:10:", "found 0 keys", "one of csv and simulate"});
   expect_line_refused("measurements", "measurements = {csv = 'a.csv', simulate = {seed = 1}}", {"found 2 keys"});
-  expect_line_refused("measurements", "measurements = {simulat = {seed = 1}}",
-                      {"unknown key", "did you mean 'simulate'"});
+  expect_line_refused("measurements", "measurements = {simulat = {seed = 1}}", {"unknown key", "did you mean 'simulate'"});
   expect_line_refused("measurements", "measurements = {simulate = 1}", {"measurements.simulate", "found 1", "seed"});
   expect_line_refused("measurements", "measurements = {simulate = {}}", {"measurements.simulate.seed", "no such key"});
-  expect_line_refused("measurements", "measurements = {simulate = {seed = -1}}",
-                      {"measurements.simulate.seed: found -1", ">= 0"});
+  expect_line_refused("measurements", "measurements = {simulate = {seed = -1}}", {"measurements.simulate.seed: found -1", ">= 0"});
   expect_line_refused("measurements", "measurements = {simulate = {sed = 1}}", {"did you mean 'seed'"});
-  expect_line_refused("measurements", "measurements = {csv = 'nowhere.csv'}",
-                      {"cart.toml:10:", "measurements.csv", "nowhere.csv", "no such file"});
-  expect_line_refused("measurements", "measurements = {csv = 3}",
-                      {"measurements.csv: found 3", "the name of a CSV file"});
-  expect_refused(valid_toml().replace(0, 0, "inputs = [1, 2, 3]\n"),
-                 {"cart.toml:1:10: inputs: found inputs without a D"});
-  expect_refused(valid_toml().replace(0, 0, "D = [[1], [0]]\n"),
-                 {"cart.toml: inputs: found no such key", "D has 1 columns"});
-  expect_refused(with(valid_toml(), "measurements", "D = [[1], [0]]\ninputs = [1, 2, 3]"),
-                 {"inputs without measurements"});
-  expect_refused(valid_toml().replace(0, 0, "D = [[1]]\n"),
-                 {"cart.toml:1:5: D: found a 1 x 1 matrix", "2 rows (n x inputs)"});
+  expect_line_refused("measurements", "measurements = {csv = 'nowhere.csv'}", {"cart.toml:10:", "measurements.csv", "nowhere.csv", "no such file"});
+  expect_line_refused("measurements", "measurements = {csv = 3}", {"measurements.csv: found 3", "the name of a CSV file"});
+  expect_refused(valid_toml().replace(0, 0, "inputs = [1, 2, 3]\n"), {"cart.toml:1:10: inputs: found inputs without a D"});
+  expect_refused(valid_toml().replace(0, 0, "D = [[1], [0]]\n"), {"cart.toml: inputs: found no such key", "D has 1 columns"});
+  expect_refused(with(valid_toml(), "measurements", "D = [[1], [0]]\ninputs = [1, 2, 3]"), {"inputs without measurements"});
+  expect_refused(valid_toml().replace(0, 0, "D = [[1]]\n"), {"cart.toml:1:5: D: found a 1 x 1 matrix", "2 rows (n x inputs)"});
 }
 
 TEST(SystemFile, BadJson) {
@@ -338,8 +306,7 @@ TEST(SystemFile, BadJson) {
   expect_json_refused("", {"cart.json", "JSON"});
   expect_json_refused("{\"name\": 1", {"cart.json", "JSON"});
   expect_json_refused(std::string(1000, '['), {"cart.json", "nested deeper than 64"});
-  expect_json_refused("{\"A\": " + std::string(100, '[') + std::string(100, ']') + "}",
-                      {"cart.json", "nested deeper than 64"});
+  expect_json_refused("{\"A\": " + std::string(100, '[') + std::string(100, ']') + "}", {"cart.json", "nested deeper than 64"});
 }
 
 TEST(SystemFile, BadToml) {
@@ -365,9 +332,8 @@ TEST(SystemFile, FilesThatCannotBeRead) {
 TEST(SystemFile, Csv) {
   const Folder folder;
   folder.write("data.csv", "\xEF\xBB\xBFt, \"y\", u2,u1\r\n0, 0.5, 7, 1\r\n1, 1e0, 8, 2\r\n2,+1.5,9,3\r\n\r\n");
-  const fs::path file = folder.write(
-      "cart.toml", with(valid_toml(), "measurements",
-                        "measurements = { csv = 'data.csv' }\nD = [[1, 0], [0, 1]]\ninputs = { csv = 'data.csv' }"));
+  const fs::path file = folder.write("cart.toml", with(valid_toml(), "measurements",
+      "measurements = { csv = 'data.csv' }\nD = [[1, 0], [0, 1]]\ninputs = { csv = 'data.csv' }"));
   const System system = read_system(file);
   const auto stream = system.data->open();
   for (int k = 0; k < 3; ++k) {
@@ -414,8 +380,7 @@ TEST(SystemFile, TheExampleOfTheDocumentationIsRead) {
   ASSERT_TRUE(system.data);
 
   const std::string message =
-      "tracking.toml:7:7: A[0,1]: found \"dz\", where \"dz\" is no parameter, constant or function, expected a number "
-      "or an "
+      "tracking.toml:7:7: A[0,1]: found \"dz\", where \"dz\" is no parameter, constant or function, expected a number or an "
       "expression of dt, q, r; did you mean 'dt'?";
   EXPECT_NE(text.find(message), std::string::npos);
   example.replace(example.find("\"dt\""), 4, "\"dz\"");

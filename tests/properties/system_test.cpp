@@ -87,8 +87,8 @@ TEST(System, ConversionsRoundOnce) {
 
 TEST(System, InformationRootsAreUpperRootsOfTheInverse) {
   System system = plain();
-  system.Q.value = square({2, 1, 1, 2});                           // inverse [2 -1; -1 2] / 3
-  system.R = {Covariance::Written::root, square({2, 0, 1, 0.5})};  // R = [4 2; 2 1.25]
+  system.Q.value = square({2, 1, 1, 2});                                     // inverse [2 -1; -1 2] / 3
+  system.R = {Covariance::Written::root, square({2, 0, 1, 0.5})};            // R = [4 2; 2 1.25]
   system.P0.value = square({4, 0, 0, 0.25});
   const auto information = get<InformationModel<double>>(system);
   const Matrix<double>& U = information.models[0].Q_inverse_root;
@@ -122,8 +122,7 @@ TEST(System, SemidefiniteCovariances) {
     EXPECT_EQ(S(0, 1), 0);
     for (Index r = 0; r < 2; ++r)
       for (Index c = 0; c < 2; ++c)
-        EXPECT_NEAR((S * S.transpose())(r, c), Q(r, c),
-                    8 * std::numeric_limits<double>::epsilon() * std::sqrt(Q(r, r) * Q(c, c)));
+        EXPECT_NEAR((S * S.transpose())(r, c), Q(r, c), 8 * std::numeric_limits<double>::epsilon() * std::sqrt(Q(r, r) * Q(c, c)));
     // Exact in long double's 64 bits only up to its own rounding, which is far below the one of Q.
     indefinite += static_cast<long double>(Q(0, 0)) * Q(1, 1) < static_cast<long double>(Q(0, 1)) * Q(1, 0);
   }
@@ -145,15 +144,12 @@ TEST(System, AdmissibleCovariance) {
 
 TEST(System, RefusesWhatInformationCannotTake) {
   System system = plain();
-  system.A = {Sequence::Kind::list,
-              {square({1, 0, 0, 1}), square({1, 0, 0, 1}), square({1, 0, 0, 1}), square({1, 2, 2, 4})}};
-  EXPECT_EQ(refused(system, Parametrisation::information),
-            "the information form needs an invertible A: A (step 3) is singular");
+  system.A = {Sequence::Kind::list, {square({1, 0, 0, 1}), square({1, 0, 0, 1}), square({1, 0, 0, 1}), square({1, 2, 2, 4})}};
+  EXPECT_EQ(refused(system, Parametrisation::information), "the information form needs an invertible A: A (step 3) is singular");
   EXPECT_EQ(refused(system, Parametrisation::root), "");
   system = plain();
   system.P0.value = square({1, 1, 1, 1});
-  EXPECT_EQ(refused(system, Parametrisation::information),
-            "the information form needs a positive definite P0: P0 is singular");
+  EXPECT_EQ(refused(system, Parametrisation::information), "the information form needs a positive definite P0: P0 is singular");
   system = plain();
   system.A = square({1e-320, 0, 0, 1});
   EXPECT_EQ(refused(system, Parametrisation::information), "the inverse of A is beyond the range of double");
@@ -174,8 +170,7 @@ TEST(System, RefusesWhatAFilterNeeds) {
 
   System system = plain();
   system.A = {Sequence::Kind::periodic, {square({1, 0, 0, 1}), square({0, 1, 0, 1})}};
-  EXPECT_EQ(refusal(filter, system)->reason,
-            "srif needs a time-invariant system: its matrices change from step to step");
+  EXPECT_EQ(refusal(filter, system)->reason, "srif needs a time-invariant system: its matrices change from step to step");
   filter.needs.time_invariant = false;
   EXPECT_EQ(refusal(filter, system)->reason, "srif needs an invertible A: A (step 1) is singular");
   system = plain();
@@ -192,8 +187,7 @@ TEST(System, RefusesWhatAFilterNeeds) {
   for (const Metadata& known : filters()) {
     const auto why = refusal(known, system);
     EXPECT_EQ(why.has_value(), known.needs.positive_definite_P0) << known.id;
-    EXPECT_EQ(std::holds_alternative<Refusal>(problem(system, known.takes)), known.needs.positive_definite_P0)
-        << known.id;
+    EXPECT_EQ(std::holds_alternative<Refusal>(problem(system, known.takes)), known.needs.positive_definite_P0) << known.id;
   }
 }
 

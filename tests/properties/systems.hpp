@@ -12,19 +12,19 @@ namespace kfstab::properties::testing {
 
 /// n = 2, m = 1, p = 1. Each key on a line of its own, so that a test can replace one.
 inline std::string valid_toml() {
-  return "name = \"cart\"\n"                     // 1
-         "A = [[1, \"T\"], [0, 1]]\n"            // 2
-         "B = [[\"T^2/2\"], [\"T\"]]\n"          // 3
-         "C = [[1, 0]]\n"                        // 4
-         "Q = [[\"q\"]]\n"                       // 5
-         "R = [[0.25]]\n"                        // 6
-         "P0 = [[2, 0.5], [0.5, 1]]\n"           // 7
-         "x0 = [1, -1]\n"                        // 8
-         "steps = 3\n"                           // 9
-         "measurements = [[0.5], [1], [1.5]]\n"  // 10
-         "[parameters]\n"                        // 11
-         "T = 0.5\n"                             // 12
-         "q = \"2^-3\"\n";                       // 13
+  return "name = \"cart\"\n"                    // 1
+         "A = [[1, \"T\"], [0, 1]]\n"           // 2
+         "B = [[\"T^2/2\"], [\"T\"]]\n"         // 3
+         "C = [[1, 0]]\n"                       // 4
+         "Q = [[\"q\"]]\n"                      // 5
+         "R = [[0.25]]\n"                       // 6
+         "P0 = [[2, 0.5], [0.5, 1]]\n"          // 7
+         "x0 = [1, -1]\n"                       // 8
+         "steps = 3\n"                          // 9
+         "measurements = [[0.5], [1], [1.5]]\n" // 10
+         "[parameters]\n"                       // 11
+         "T = 0.5\n"                            // 12
+         "q = \"2^-3\"\n";                      // 13
 }
 
 /// The text with the line that starts with key = replaced; no line at all for an empty replacement.
