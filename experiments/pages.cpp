@@ -46,14 +46,21 @@ reports::Figure run_figure(const SystemRun& run, const std::string& prefix, cons
 }
 
 /// The first-order bounds: as the envelope that of the filters that hold P, or whichever there is; as lines the others.
-/// All that hold the same have the same bound.
+/// Filters with the same bound share a curve.
 void add_bounds(reports::Figure& figure, const SystemRun& run) {
-  for (const Held held : {Held::covariance, Held::covariance_factor, Held::information_factor}) {
+  struct Kind {
+    const char* name;
+    bool (*is)(Held);
+  };
+  const Kind kinds[] = {{"P", [](Held h) { return h == Held::covariance; }},
+                        {"S", holds_root},
+                        {"T", [](Held h) { return h == Held::information_factor; }},
+                        {"Y", [](Held h) { return h == Held::information; }}};
+  for (const auto& [name, is_kind] : kinds) {
     const FilterRun* widest = nullptr;
     for (const FilterRun& f : run.filters)
-      if (!f.refused && f.metadata->holds == held && (!widest || f.bound.count() > widest->bound.count())) widest = &f;
+      if (!f.refused && is_kind(f.metadata->holds) && (!widest || f.bound.count() > widest->bound.count())) widest = &f;
     if (!widest || widest->bound.count() == 0) continue;
-    const char* name = held == Held::covariance ? "P" : held == Held::covariance_factor ? "S" : "T";
     const bool envelope = figure.curves.empty() || figure.curves.front().role != reports::CurveRole::envelope;
     auto points = widest->bound.points();
     reports::Curve curve{fmt::format("bound-{}", name), fmt::format("bound, holding {}", name), std::move(points.step),

@@ -69,7 +69,7 @@ void measure(Runner& runner, std::int64_t k, const Vector<double>* y, const Vect
   if (y) r.state_error.add(k, e.state);
   r.asymmetry.add(k, e.asymmetry);
   r.smallest_eigenvalue.add(k, e.smallest_eigenvalue);
-  r.bound.add(k, bound);
+  if (!std::isnan(bound)) r.bound.add(k, bound);
   r.correct_digits = e.correct_digits;
   if (!e.positive_semidefinite && !r.first_indefinite) r.first_indefinite = k;
 }

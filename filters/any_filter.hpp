@@ -17,7 +17,7 @@ namespace kfstab {
 template <class Scalar>
 struct Step {
   StepReport<Scalar> report;
-  const Matrix<Scalar>* held = nullptr;   ///< P, S or T: metadata.holds. Of a factor only its triangle counts.
+  const Matrix<Scalar>* held = nullptr;   ///< metadata.holds; of a triangle only that counts. Null for Held::gain.
   const Matrix<Scalar>* gain = nullptr;   ///< n x p: metadata.gain
   const Vector<Scalar>* state = nullptr;  ///< null in a run without data
 };

@@ -50,14 +50,10 @@ class FilterOf final : public AnyFilter<typename Filter::Scalar> {
         step.report = filter_.measurement_update(problem_->model(0), y);
       else
         step.report = filter_.step(problem_->model(k - 1), problem_->model(k), y, u ? &previous_u_ : nullptr);
-      step.held = &filter_.information_factor();
     } else {
       step.report = filter_.step(problem_->model(k), y, u);
-      if constexpr (Model::parametrisation == Parametrisation::root)
-        step.held = &filter_.factor();
-      else
-        step.held = &filter_.covariance();
     }
+    step.held = held();
     if (metadata_.gain == GainKind::predictor) {
       if constexpr (requires { filter_.predictor_gain(); }) step.gain = &filter_.predictor_gain();
     } else {
@@ -68,6 +64,17 @@ class FilterOf final : public AnyFilter<typename Filter::Scalar> {
   }
 
  private:
+  /// What a class holds is what it has a name for.
+  const Matrix<Scalar>* held() {
+    if constexpr (requires { filter_.covariance(); }) return &filter_.covariance();
+    else if constexpr (requires { filter_.factor(); }) return &filter_.factor();
+    else if constexpr (requires { filter_.covariance_root(); }) return &filter_.covariance_root();
+    else if constexpr (requires { filter_.ud_factors(); }) return &filter_.ud_factors();
+    else if constexpr (requires { filter_.information_factor(); }) return &filter_.information_factor();
+    else if constexpr (requires { filter_.information(); }) return &filter_.information();
+    else return nullptr;
+  }
+
   const Metadata& metadata_;
   const Problem<Model>* problem_ = nullptr;
   Filter filter_;

@@ -10,8 +10,31 @@ namespace kfstab {
 enum class Held {
   covariance,          ///< P
   covariance_factor,   ///< S, lower, P = S S'
+  covariance_root,     ///< F, square and full, P = F F'
+  ud_factors,          ///< D on the diagonal, the unit upper triangular U above it: P = U D U'
   information_factor,  ///< T, upper, P^{-1} = T'T
+  information,         ///< Y = P^{-1}
+  gain,                ///< nothing of P: increments of what the gain is made of
 };
+
+/// P cannot be indefinite, and rounding loses the root of what it loses where P itself is held.
+constexpr bool holds_root(Held held) {
+  return held == Held::covariance_factor || held == Held::covariance_root || held == Held::ud_factors;
+}
+
+/// What is held, in the notation of docs/theory.md.
+constexpr const char* notation(Held held) {
+  switch (held) {
+    case Held::covariance: return "P";
+    case Held::covariance_factor: return "S, P = S S'";
+    case Held::covariance_root: return "F, P = F F'";
+    case Held::ud_factors: return "U and D, P = U D U'";
+    case Held::information_factor: return "T, P^-1 = T'T";
+    case Held::information: return "Y = P^-1";
+    case Held::gain: return "K";
+  }
+  return "";
+}
 
 /// Of which instant: P_{k|k-1} or P_{k|k}.
 enum class Instant { predicted, filtered };

@@ -53,6 +53,11 @@ struct RootModel : StateSpace<S, N, M, P> {
   bool finite() const {
     return this->dynamics_finite() && all_finite_lower(Q_root) && all_finite_lower(R_root);
   }
+
+  /// Whether the covariances take the same course: every number but D.
+  bool same_system(const RootModel& o) const {
+    return this->A == o.A && this->B == o.B && this->C == o.C && equal_lower(Q_root, o.Q_root) && equal_lower(R_root, o.R_root);
+  }
 };
 
 /// The model as a square-root information filter takes it: A^{-1} and A^{-1} B, and upper roots of the inverse noise
@@ -78,6 +83,12 @@ struct InformationModel {
   bool finite() const {
     return all_finite(A_inverse) && all_finite(A_inverse_B) && all_finite(C) && all_finite(D) &&
            all_finite_upper(Q_inverse_root) && all_finite_upper(R_inverse_root) && all_finite(w_mean);
+  }
+
+  /// Whether the covariances take the same course: every number but D and the mean of w.
+  bool same_system(const InformationModel& o) const {
+    return A_inverse == o.A_inverse && A_inverse_B == o.A_inverse_B && C == o.C && equal_upper(Q_inverse_root, o.Q_inverse_root) &&
+           equal_upper(R_inverse_root, o.R_inverse_root);
   }
 };
 

@@ -13,6 +13,12 @@ enum class Status {
   not_positive_definite,
   /// The information root T is singular to working precision: no state estimate exists.
   singular_information,
+  /// A hyperbolic rotation of the Chandrasekhar recursion does not exist: |t| >= 1.
+  hyperbolic_breakdown,
+  /// The model is not that of the step before, and the form knows time-invariant systems alone.
+  time_varying_model,
+  /// A root of the measurement noise is singular where the form must divide by it.
+  singular_measurement_noise,
   /// The model or the data held a NaN or an infinity.
   non_finite_input,
   /// All input was finite, the result is not.
@@ -26,6 +32,9 @@ constexpr const char* name(Status status) {
     case Status::singular_innovation: return "singular_innovation";
     case Status::not_positive_definite: return "not_positive_definite";
     case Status::singular_information: return "singular_information";
+    case Status::hyperbolic_breakdown: return "hyperbolic_breakdown";
+    case Status::time_varying_model: return "time_varying_model";
+    case Status::singular_measurement_noise: return "singular_measurement_noise";
     case Status::non_finite_input: return "non_finite_input";
     case Status::overflow: return "overflow";
   }

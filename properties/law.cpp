@@ -17,6 +17,24 @@ Precise lower(const Matrix<double>& L) { return Matrix<double>(L.triangularView<
 Precise upper(const Matrix<double>& U) { return Matrix<double>(U.triangularView<Eigen::Upper>()); }
 Precise square(const Precise& L) { return L * L.transposed(); }
 
+/// P from what is held.
+Precise covariance(Held holds, const Matrix<double>& held) {
+  switch (holds) {
+    case Held::covariance_factor: return square(lower(held));
+    case Held::covariance_root: return square(held);
+    case Held::ud_factors: {
+      const Index n = held.rows();
+      Matrix<double> U = Matrix<double>::Identity(n, n), D = Matrix<double>::Zero(n, n);
+      for (Index j = 0; j < n; ++j) {
+        D(j, j) = held(j, j);
+        for (Index i = 0; i < j; ++i) U(i, j) = held(i, j);
+      }
+      return Precise(U) * Precise(D) * Precise(U).transposed();
+    }
+    default: return held;
+  }
+}
+
 Precise innovation(const Precise& R, const Precise& C, const Precise& P) { return R + C * P * C.transposed(); }
 
 ObservedStep observe(const Metadata& filter, const Problem<CovarianceModel<double>>& problem, std::int64_t k,
@@ -30,10 +48,9 @@ ObservedStep observe(const Metadata& filter, const Problem<CovarianceModel<doubl
 ObservedStep observe(const Metadata& filter, const Problem<RootModel<double>>& problem, std::int64_t k,
                      const Matrix<double>& before, const Step<double>& step) {
   const auto& model = problem.model(k);
-  // A filter may take roots and hold a covariance.
-  const bool factor = filter.holds == Held::covariance_factor;
-  const Precise P = factor ? square(lower(before)) : k == 0 ? square(lower(before)) : Precise(before);
-  const Precise P_plus = factor ? square(lower(*step.held)) : Precise(*step.held);
+  // The initial condition is a root, whatever the filter holds.
+  const Precise P = k == 0 ? square(lower(before)) : covariance(filter.holds, before);
+  const Precise P_plus = covariance(filter.holds, *step.held);
   const Precise R = square(lower(model.R_root)), C(model.C);
   CovarianceStep seen{model.A, model.B, C, square(lower(model.Q_root)), R, P, P_plus, *step.gain, innovation(R, C, P)};
   return {filter, model.dimensions(), k, std::move(seen), std::nullopt};
@@ -43,9 +60,18 @@ ObservedStep observe(const Metadata& filter, const Problem<InformationModel<doub
                      const Matrix<double>& before, const Step<double>& step) {
   const auto& dynamics = problem.model(std::max<std::int64_t>(k - 1, 0));
   const auto& model = problem.model(k);
-  InformationStep seen{dynamics.A_inverse,          dynamics.A_inverse_B,         model.C,
-                       upper(dynamics.Q_inverse_root), upper(model.R_inverse_root), upper(before),
-                       upper(*step.held),           *step.gain};
+  const auto information = [&](const Matrix<double>& held, bool initial) {
+    const bool factor = initial || filter.holds == Held::information_factor;
+    return factor ? upper(held).transposed() * upper(held) : Precise(held);
+  };
+  InformationStep seen{dynamics.A_inverse,
+                       dynamics.A_inverse_B,
+                       model.C,
+                       upper(dynamics.Q_inverse_root),
+                       upper(model.R_inverse_root),
+                       information(before, k == 0),
+                       information(*step.held, false),
+                       *step.gain};
   return {filter, model.dimensions(), k, std::nullopt, std::move(seen)};
 }
 
@@ -90,6 +116,7 @@ LawReport check_laws(AnyFilter<double>& filter, const AnyProblem<double>& proble
     const Step<double> step = filter.step(report.steps, nullptr, nullptr);
     report.status = step.report.status;
     if (!step.report) break;
+    if (!step.held) continue;  // no P, and every law is about P
     judge(report, std::visit([&](const auto& any) { return observe(filter.metadata(), any, report.steps, before, step); }, problem));
     before = *step.held;
   }

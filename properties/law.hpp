@@ -26,11 +26,11 @@ struct CovarianceStep {
   double innovation_condition() const;
 };
 
-/// A step of a filter that holds T, P_{k|k}^{-1} = T'T, and has the gain P_{k|k} C' R^{-1}. C and R are those of step k; A^{-1}
-/// B and Q, and T_before, are of step k - 1, and of no meaning at k = 0, where there is no time update.
+/// A step of a filter that holds Y = P_{k|k}^{-1}, or T, Y = T'T without rounding, and has the gain P_{k|k} C' R^{-1}. C and R are those of step k; A^{-1}
+/// B and Q, and Y_before, are of step k - 1, and of no meaning at k = 0, where there is no time update.
 struct InformationStep {
   Precise A_inverse, A_inverse_B, C, Q_inverse_root, R_inverse_root;
-  Precise T_before, T;
+  Precise Y_before, Y;
   Precise gain;
 };
 

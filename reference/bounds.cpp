@@ -34,11 +34,18 @@ double FirstOrderBound::advance(const Truth& truth) {
       local *= constant_ * truth.innovation_condition / (truth.cosine * truth.cosine) * two_norm(P);
       break;
     case Held::covariance_factor:
+    case Held::covariance_root:
+    case Held::ud_factors:
       local *= 2 * constant_ * (1 + std::sqrt(truth.innovation_condition)) / truth.cosine * two_norm(P);
       break;
     case Held::information_factor:
       local = 2 * constant_ * truth.information_amplification * two_norm(truth.information) * P.lazyProduct(P);
       break;
+    case Held::information:  // what is a root there is squared here
+      local = 2 * constant_ * truth.information_amplification * truth.information_amplification *
+              two_norm(truth.information) * P.lazyProduct(P);
+      break;
+    case Held::gain: return std::numeric_limits<double>::quiet_NaN();
   }
   const Matrix<double> carried = congruence(F, W_) + local;
   W_ = (carried + carried.transpose()) / 2;

@@ -47,10 +47,7 @@ reports::Table systems_table() {
 reports::Table filters_table() {
   reports::Table table{"Filters", {"id", "form", "holds", "update", "needs", "operations", "source"}, {}, {}};
   for (const Metadata& f : filters()) {
-    const char* holds = f.holds == Held::covariance          ? "P"
-                        : f.holds == Held::covariance_factor ? "S, P = S S'"
-                                                             : "T, P^-1 = T'T";
-    table.rows.push_back({std::string(f.id), std::string(f.title), holds, std::string(f.update), needs_of(f.needs),
+    table.rows.push_back({std::string(f.id), std::string(f.title), notation(f.holds), std::string(f.update), needs_of(f.needs),
                           std::string(f.operations), std::string(f.source)});
   }
   return table;

@@ -33,9 +33,9 @@ std::optional<double> of_covariance(const ObservedStep& step, const CovarianceSt
 
 std::optional<double> of_information(const ObservedStep& step, const InformationStep& s) {
   const Precise R_C = s.R_inverse_root * s.C;
-  const double error = (s.T.transposed() * (s.T * s.gain) - R_C.transposed() * s.R_inverse_root).norm();
-  const double T = s.T.norm(), R = s.R_inverse_root.norm();
-  const double scale = T * T * s.gain.norm() + s.C.norm() * R * R;
+  const double error = (s.Y * s.gain - R_C.transposed() * s.R_inverse_root).norm();
+  const double R = s.R_inverse_root.norm();
+  const double scale = std::sqrt(static_cast<double>(step.size.n)) * s.Y.norm() * s.gain.norm() + s.C.norm() * R * R;
   return step.ratio(error, 1, scale);
 }
 
@@ -55,7 +55,7 @@ Law gain_innovation() {
       .source = "theory 2; the definition of the gain",
       .tolerance = "30 u (n+m+p) (|K| r + sqrt(a r)), r = |R| + |C|^2 |P|, a = |A|^2 |P| + |B|^2 |Q| (a = |P| for a filter gain; |A| |Kf| for |K| in "
                    "coding (v)); "
-                   "30 u (n+m+p) (|T|^2 |Kf| + |C| |R^{-1/2}|^2) for an information filter",
+                   "30 u (n+m+p) (n^{1/2} |Y| |Kf| + |C| |R^{-1/2}|^2) for an information filter",
       .failure = "The gain does not belong to P: taken after the update instead of before, R used where its root is meant, a factor "
                  "of A too many or too few, or the inverse of Re formed and multiplied.",
       .ratio = ratio};

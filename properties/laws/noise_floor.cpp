@@ -23,7 +23,7 @@ std::optional<double> of_covariance(const ObservedStep& step, const CovarianceSt
   // (iii) and others turn an asymmetry of P into an error of the symmetric part: not this law's matter.
   if ((s.P - s.P.transposed()).norm() > step.rounding() * P) return std::nullopt;
   const double k = s.innovation_condition();
-  const bool factor = step.filter.holds == Held::covariance_factor;
+  const bool factor = holds_root(step.filter.holds);
   const double kappa = factor ? 1 + std::sqrt(k) : k;
   const Precise floor = s.B * s.Q * s.B.transposed();
   // Twice the symmetric part, so that no half is needed.
@@ -47,18 +47,18 @@ std::optional<double> of_information(const ObservedStep& step, const Information
   if (!A) return std::nullopt;
   const Precise B = *A * s.A_inverse_B;
   const Precise R_C = s.R_inverse_root * s.C;
-  const Precise predicted = s.T.transposed() * s.T - R_C.transposed() * R_C;
+  const Precise predicted = s.Y - R_C.transposed() * R_C;
   const Precise Q_inverse = s.Q_inverse_root.transposed() * s.Q_inverse_root;
   const double error = below_zero(Q_inverse - B.transposed() * predicted * B);
 
   // The pre-array's columns are [Q^{-1/2}; T A^{-1}B; 0] and [0; T A^{-1}; R^{-1/2} C]: the first are eliminated from the second.
-  const Precise T_B = s.T_before * s.A_inverse_B;
-  const auto Qe = (Q_inverse + T_B.transposed() * T_B).inverse();
+  const auto Qe = (Q_inverse + s.A_inverse_B.transposed() * s.Y_before * s.A_inverse_B).inverse();
   if (!Qe) return std::nullopt;
-  const double T = s.T_before.norm();
+  const double T = std::sqrt(std::sqrt(static_cast<double>(step.size.n)) * s.Y_before.norm());  // not less than |T|
   const double first = s.Q_inverse_root.norm() + T * s.A_inverse_B.norm();
   const double second = std::hypot(T * s.A_inverse.norm(), R_C.norm());
-  const double kappa = 1 + first * std::sqrt(Qe->norm());
+  const double root_kappa = 1 + first * std::sqrt(Qe->norm());
+  const double kappa = step.filter.holds == Held::information ? root_kappa * root_kappa : root_kappa;
   const double b = B.norm();
   return step.ratio(error, kappa, Q_inverse.norm() + b * b * second * second);
 }
@@ -79,8 +79,8 @@ Law noise_floor() {
                      "time update",
       .source = "theory 2: P+ - B Q B' = A P_{k|k} A', a covariance",
       .tolerance = "30 u (n+m+p) kappa (|A|^2 |P| + |B|^2 |Q| + |K| |C P A'|), kappa = (|R| + |C|^2 |P|) |Re^{-1}|; for a filter that "
-                   "holds S without the last term and with 1 + kappa^{1/2} for kappa; for one that holds T: 30 u (n+m+p) kappa (|Q^{-1}| + "
-                   "|B|^2 (|T|^2 |A^{-1}|^2 + |R^{-1/2} C|^2)), kappa = 1 + (|Q^{-1/2}| + |T| |A^{-1}B|) |Qe|^{1/2}, "
+                   "holds a root of P without the last term and with 1 + kappa^{1/2} for kappa; for one that holds T or Y = T'T: 30 u (n+m+p) kappa (|Q^{-1}| + "
+                   "|B|^2 (|T|^2 |A^{-1}|^2 + |R^{-1/2} C|^2)), kappa = 1 + (|Q^{-1/2}| + |T| |A^{-1}B|) |Qe|^{1/2}, squared where Y is held, "
                    "Qe^{-1} = Q^{-1} + (T A^{-1}B)'(T A^{-1}B)",
       .failure = "P_{k|k} is not positive semidefinite, or the process noise was added with a wrong sign, weight or root.",
       .ratio = ratio};

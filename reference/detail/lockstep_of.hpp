@@ -88,6 +88,41 @@ class LockstepOf final : public Lockstep {
         errors.positive_semidefinite = true;
         break;
       }
+      case Held::covariance_root: {
+        if (!all_finite(held)) return errors;
+        const Matrix<H> F = exact<H>(held);
+        const Matrix<H> X = symmetric_product(F, F);
+        measure_covariance(X, P, P_low, errors);
+        errors.asymmetry = 0;
+        Matrix<H> F_inverse;
+        const H norm = invert(F, F_inverse) ? two_norm(F_inverse) : H(0);
+        errors.smallest_eigenvalue = norm > 0 ? reference::round_to_double(H(1 / H(norm * norm))) : 0;
+        errors.positive_semidefinite = true;
+        break;
+      }
+      case Held::ud_factors: {
+        const Matrix<double> UD = held.triangularView<Eigen::Upper>();
+        if (!all_finite(UD)) return errors;
+        measure_ud(UD, P, P_low, errors);
+        break;
+      }
+      case Held::information: {
+        if (!all_finite(held)) return errors;
+        const Matrix<H> X = exact<H>(held);
+        Matrix<H> covariance;
+        if (invert(X, covariance)) {
+          measure_covariance(covariance, P, P_low, errors);
+          errors.smallest_eigenvalue = smallest_eigenvalue(round_to_double(covariance));
+        } else {
+          errors.covariance = errors.entrywise = std::numeric_limits<double>::infinity();
+        }
+        if (high_.information_problem() && filtered)
+          errors.information = ratio(frobenius_distance(X, high_.Y), frobenius(high_.Y));
+        errors.asymmetry = ratio(H(frobenius_distance(X, transposed(X)) / 2), H(frobenius(X)));
+        errors.positive_semidefinite = is_positive_definite(held);
+        break;
+      }
+      case Held::gain: break;
       case Held::information_factor: {
         const Matrix<double> T_transposed = held.transpose().triangularView<Eigen::Lower>();
         if (!all_finite(T_transposed)) return errors;
@@ -199,6 +234,35 @@ class LockstepOf final : public Lockstep {
     const Matrix<H, Dynamic, Cols> X = exact<H>(computed);
     if (truth_is_zero) return ratio(frobenius(X), H(0));
     return ratio(frobenius_distance(X, truth), frobenius(truth));
+  }
+
+  /// The signs of D are those of P = U D U', by Sylvester's law.
+  void measure_ud(const Matrix<double>& UD, const Matrix<H>& P, const Matrix<L>& P_low, Errors& errors) const {
+    const Index n = UD.rows();
+    Matrix<H> U = exact<H>(UD), U_D = U;
+    bool definite = true;
+    errors.positive_semidefinite = true;
+    for (Index j = 0; j < n; ++j) {
+      const double d = UD(j, j);
+      U(j, j) = 1;
+      for (Index i = 0; i <= j; ++i) U_D(i, j) = U(i, j) * d;
+      definite = definite && d > 0;
+      errors.positive_semidefinite = errors.positive_semidefinite && d >= 0;
+    }
+    const Matrix<H> X = symmetric_product(U_D, U);
+    measure_covariance(X, P, P_low, errors);
+    errors.asymmetry = 0;
+    if (definite) {
+      // P = (U D^{1/2}) (U D^{1/2})', and the inverse of that root is as robust as any triangle's.
+      Matrix<H> root_transposed = zeros<H>(n, n);
+      for (Index j = 0; j < n; ++j)
+        for (Index i = 0; i <= j; ++i) root_transposed(j, i) = U(i, j) * sqrt(H(UD(j, j)));
+      const H norm = two_norm(lower_inverse(root_transposed));
+      errors.smallest_eigenvalue = n == 0 ? std::numeric_limits<double>::infinity()
+                                          : reference::round_to_double(H(1 / H(norm * norm)));
+    } else {
+      errors.smallest_eigenvalue = errors.positive_semidefinite ? 0 : std::min(0.0, smallest_eigenvalue(round_to_double(X)));
+    }
   }
 
   void measure_covariance(const Matrix<H>& X, const Matrix<H>& P, const Matrix<L>& P_low, Errors& errors) const {
