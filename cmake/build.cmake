@@ -18,6 +18,11 @@ if(PROJECT_IS_TOP_LEVEL)
   # CCACHE_DISABLE=1 in the environment compiles in earnest.
   find_program(KFSTAB_CCACHE ccache)
   if(KFSTAB_CCACHE AND NOT DEFINED CMAKE_CXX_COMPILER_LAUNCHER)
-    set(CMAKE_CXX_COMPILER_LAUNCHER ${KFSTAB_CCACHE})
+    # Precompiled headers are looked up in the cache only if ccache may trust that what they were made from is unchanged,
+    # which Ninja sees to.
+    set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_COMMAND} -E env CCACHE_SLOPPINESS=pch_defines,time_macros ${KFSTAB_CCACHE})
+    if(CMAKE_CXX_COMPILER_ID STREQUAL GNU)
+      add_compile_options(-fpch-preprocess)
+    endif()
   endif()
 endif()

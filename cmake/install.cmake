@@ -3,7 +3,7 @@
 include(CMakePackageConfigHelpers)
 
 set(destination ${CMAKE_INSTALL_LIBDIR}/cmake/kfstab)
-foreach(room filters reports reference properties)
+foreach(room filters slicot reports reference properties)
   if(TARGET kfstab_${room})
     get_target_property(header_sets kfstab_${room} INTERFACE_HEADER_SETS)
     list(TRANSFORM header_sets REPLACE "(.+)" "FILE_SET;\\1;COMPONENT;${room}")

@@ -5,7 +5,7 @@
 # room's folder. So an include that points against the arrows does not build. Sources in the room's folder are
 # part of its target by being there.
 function(kfstab_room room)
-  cmake_parse_arguments(arg "" "" "DEPENDS;PRIVATE;SOURCES" ${ARGN})
+  cmake_parse_arguments(arg "" "" "DEPENDS;PRIVATE;SOURCES;PRECOMPILE" ${ARGN})
   set(root ${PROJECT_BINARY_DIR}/include/${room})
   file(MAKE_DIRECTORY ${root}/kfstab)
   file(CREATE_LINK ${CMAKE_CURRENT_SOURCE_DIR} ${root}/kfstab/${room} SYMBOLIC)
@@ -24,6 +24,10 @@ function(kfstab_room room)
   endif()
   target_compile_features(kfstab_${room} PUBLIC cxx_std_20)
   target_link_libraries(kfstab_${room} PUBLIC ${arg_DEPENDS} PRIVATE ${arg_PRIVATE} $<BUILD_INTERFACE:kfstab_warnings>)
+  # What nearly every source of ours reads first, read once: a third of a clean build's time.
+  if(PROJECT_IS_TOP_LEVEL AND arg_PRECOMPILE)
+    target_precompile_headers(kfstab_${room} PRIVATE ${arg_PRECOMPILE})
+  endif()
   set_target_properties(kfstab_${room} PROPERTIES
     EXPORT_NAME ${room} OUTPUT_NAME kfstab_${room} POSITION_INDEPENDENT_CODE ON
     # A table (.inc) means nothing by itself; every header must.

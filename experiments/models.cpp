@@ -4,10 +4,10 @@
 #include <stdexcept>
 #include <variant>
 
-#include <Eigen/QR>
 #include <boost/random/normal_distribution.hpp>
 
 #include <kfstab/filters/registry.hpp>
+#include <kfstab/properties/frame.hpp>
 
 namespace kfstab::experiments {
 
@@ -30,12 +30,7 @@ Matrix<double> random_normal(Random& random, Index rows, Index cols) {
 }
 
 Matrix<double> random_orthogonal(Random& random, Index n) {
-  // Q of a Gaussian matrix is Haar distributed once R has a positive diagonal.
-  const Eigen::HouseholderQR<Matrix<double>> qr(random_normal(random, n, n));
-  Matrix<double> Q = qr.householderQ();
-  for (Index j = 0; j < n; ++j)
-    if (qr.matrixQR()(j, j) < 0) Q.col(j) = -Q.col(j);
-  return Q;
+  return properties::orthonormal_frame(random_normal(random, n, n));
 }
 
 properties::System system_of(std::string name, const Matrix<double>& A, const Matrix<double>& B,

@@ -87,17 +87,20 @@ reports::Table run_table(const SystemRun& run) {
       table.rows.push_back({std::string(f.metadata->id), "refused: " + *f.refused});
       continue;
     }
-    const bool state = f.state_error.count() > 0;
-    if (f.covariance_error.count() == 0 && !f.first_failure) {
+    if (f.gain_error.count() == 0 && !f.first_failure) {
       table.rows.push_back({std::string(f.metadata->id)});  // no step was done
       continue;
     }
-    table.rows.push_back({std::string(f.metadata->id), short_number(f.covariance_error.last()),
-                          short_number(f.covariance_error.largest()), short_number(f.gain_error.last()),
-                          short_number(f.gain_error.largest()), state ? short_number(f.state_error.last()) : "-",
-                          state ? short_number(f.state_error.largest()) : "-", short_number(f.asymmetry.largest()),
-                          short_number(f.smallest_eigenvalue.smallest()),
-                          f.first_indefinite ? fmt::format("{}", *f.first_indefinite) : "never",
+    const auto of = [](const Series& series, double (Series::*value)() const) {
+      return series.count() > 0 ? short_number((series.*value)()) : "-";
+    };
+    const bool holds_P = f.metadata->holds != Held::gain;
+    table.rows.push_back({std::string(f.metadata->id), of(f.covariance_error, &Series::last),
+                          of(f.covariance_error, &Series::largest), of(f.gain_error, &Series::last),
+                          of(f.gain_error, &Series::largest), of(f.state_error, &Series::last),
+                          of(f.state_error, &Series::largest), of(f.asymmetry, &Series::largest),
+                          of(f.smallest_eigenvalue, &Series::smallest),
+                          !holds_P ? "-" : f.first_indefinite ? fmt::format("{}", *f.first_indefinite) : "never",
                           std::isnan(f.correct_digits) ? "-" : fmt::format("{:.1f}", f.correct_digits), seconds_text(f.seconds_per_step)});
     if (f.first_failure) table.rows.back().push_back(fmt::format("{} at {}", name(f.failure), *f.first_failure));
   }

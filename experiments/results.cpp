@@ -4,7 +4,9 @@
 
 #include <nlohmann/json.hpp>
 
+#include <kfstab/experiments/catalogue.hpp>
 #include <kfstab/experiments/context.hpp>
+#include <kfstab/filters/registry.hpp>
 #include <kfstab/filters/step_report.hpp>
 #include <kfstab/reports/number.hpp>
 
@@ -144,6 +146,63 @@ std::string claims_json(const std::vector<ClaimResult>& results, const std::map<
       object["figures"].push_back(std::move(entry));
     }
     root["claims"].push_back(std::move(object));
+  }
+  return root.dump(1) + "\n";
+}
+
+std::string list_json(const std::string& what) {
+  json root{{"schema", "kfstab.list/1"}, {"context", context_json()}};
+  if (what.empty() || what == "systems") {
+    root["systems"] = json::array();
+    for (const CatalogueEntry& entry : catalogue()) {
+      const auto system = find_system(std::string(entry.name));
+      const auto d = system.dimensions();
+      root["systems"].push_back({{"name", system.name},
+                                 {"n", d.n},
+                                 {"m", d.m},
+                                 {"p", d.p},
+                                 {"steps", system.steps},
+                                 {"parameters", system.parameters},
+                                 {"description", system.description},
+                                 {"source", system.source}});
+    }
+  }
+  if (what.empty() || what == "filters") {
+    root["filters"] = json::array();
+    for (const Metadata& f : filters()) {
+      json statuses = json::array();
+      for (int status = 1; status <= static_cast<int>(Status::overflow); ++status)
+        if (f.statuses.has(static_cast<Status>(status))) statuses.push_back(name(static_cast<Status>(status)));
+      root["filters"].push_back({{"id", f.id},
+                                 {"title", f.title},
+                                 {"update", f.update},
+                                 {"takes", name(f.takes)},
+                                 {"holds", notation(f.holds)},
+                                 {"instant", f.instant == Instant::predicted ? "k+1|k" : "k|k"},
+                                 {"gain", f.gain == GainKind::predictor ? "A P C' Re^-1" : "P C' Re^-1"},
+                                 {"needs",
+                                  {{"invertible_A", f.needs.invertible_A},
+                                   {"positive_definite_Q", f.needs.positive_definite_Q},
+                                   {"positive_definite_R", f.needs.positive_definite_R},
+                                   {"positive_definite_P0", f.needs.positive_definite_P0},
+                                   {"time_invariant", f.needs.time_invariant}}},
+                                 {"operations", f.operations},
+                                 {"statuses", std::move(statuses)},
+                                 {"source", f.source}});
+    }
+  }
+  if (what.empty() || what == "claims") {
+    root["claims"] = json::array();
+    for (const Claim& claim : all_claims()) {
+      json parameters = json::object();
+      for (const Parameter& p : claim.parameters) parameters[p.name] = p.value;
+      root["claims"].push_back({{"number", claim.number},
+                                {"id", claim.id},
+                                {"title", claim.title},
+                                {"statement", claim.statement},
+                                {"source", claim.source},
+                                {"parameters", std::move(parameters)}});
+    }
   }
   return root.dump(1) + "\n";
 }

@@ -17,4 +17,7 @@ std::string run_json(const std::vector<SystemRun>& runs);
 /// Schema kfstab.claims/1. parameters: what was set for all.
 std::string claims_json(const std::vector<ClaimResult>& results, const std::map<std::string, double>& parameters);
 
+/// Schema kfstab.list/1: the systems, filters and claims that there are, or those of `what`.
+std::string list_json(const std::string& what);
+
 }  // namespace kfstab::experiments

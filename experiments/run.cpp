@@ -64,9 +64,10 @@ void measure(Runner& runner, std::int64_t k, const Vector<double>* y, const Vect
     return;
   }
   const Errors e = runner.course->truth->measure(*r.metadata, step);
-  r.covariance_error.add(k, e.covariance);
   r.gain_error.add(k, e.gain);
   if (y) r.state_error.add(k, e.state);
+  if (!step.held) return;
+  r.covariance_error.add(k, e.covariance);
   r.asymmetry.add(k, e.asymmetry);
   r.smallest_eigenvalue.add(k, e.smallest_eigenvalue);
   if (!std::isnan(bound)) r.bound.add(k, bound);

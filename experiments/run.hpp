@@ -22,7 +22,7 @@ struct FilterRun {
   /// Why the filter was not run, in a sentence; then there is nothing else.
   std::optional<std::string> refused;
 
-  // Over the steps k = 0, 1 ... (reference::Errors says what each is).
+  // Over the steps k = 0, 1 ... (reference::Errors says what each is); those of P are empty where none is held.
   Series covariance_error;
   Series gain_error;
   Series state_error;  ///< empty in a run without data

@@ -63,9 +63,10 @@ bool all_finite_upper(const Eigen::MatrixBase<Derived>& U) {
   return true;
 }
 
-/// The same numbers in the lower triangles; a NaN is no number's equal.
+/// The same sizes, and the same numbers in the lower triangles; a NaN is no number's equal.
 template <class XType, class YType>
 bool equal_lower(const XType& X, const YType& Y) {
+  if (X.rows() != Y.rows() || X.cols() != Y.cols()) return false;
   for (Index j = 0; j < X.cols(); ++j)
     for (Index i = j; i < X.rows(); ++i)
       if (!(X(i, j) == Y(i, j))) return false;
@@ -74,6 +75,7 @@ bool equal_lower(const XType& X, const YType& Y) {
 
 template <class XType, class YType>
 bool equal_upper(const XType& X, const YType& Y) {
+  if (X.rows() != Y.rows() || X.cols() != Y.cols()) return false;
   for (Index j = 0; j < X.cols(); ++j)
     for (Index i = 0; i <= j; ++i)
       if (!(X(i, j) == Y(i, j))) return false;

@@ -1,8 +1,10 @@
 #pragma once
 
+#include <initializer_list>
 #include <string_view>
 
 #include <kfstab/filters/state_space.hpp>
+#include <kfstab/filters/step_report.hpp>
 
 namespace kfstab {
 
@@ -61,6 +63,21 @@ struct Needs {
   bool time_invariant = false;
 };
 
+/// A set of statuses.
+class Statuses {
+ public:
+  /// What every filter may report, non_finite_input and overflow, and those given.
+  constexpr Statuses(std::initializer_list<Status> own = {}) {
+    for (const Status status : {Status::non_finite_input, Status::overflow}) bits_ |= bit(status);
+    for (const Status status : own) bits_ |= bit(status);
+  }
+  constexpr bool has(Status status) const { return (bits_ & bit(status)) != 0; }
+
+ private:
+  static constexpr unsigned bit(Status status) { return 1u << static_cast<unsigned>(status); }
+  unsigned bits_ = 0;
+};
+
 /// Everything that there is to say of a filter without running it. One line of registry.inc makes one.
 struct Metadata {
   std::string_view id;     ///< as the command line knows it: "srcf"
@@ -72,6 +89,7 @@ struct Metadata {
   GainKind gain = GainKind::predictor;
   Asymmetry asymmetry = Asymmetry::none;
   Needs needs = {};
+  Statuses statuses;            ///< how a step may fail
   std::string_view operations;  ///< leading cost of a step, in multiply-adds
   std::string_view source;      ///< who said it first, and the routine that does the same
 };

@@ -8,6 +8,23 @@
 
 namespace kfstab {
 
+/// The last of what every square-root covariance array needs: from G to the gain G Re^{-1/2}.
+///
+/// @param Re_root  p x p, lower, zero above the diagonal
+/// @param tolerance  least reciprocal condition number of Re_root that counts as regular
+/// @param G  r x p; overwritten with G Re^{-1/2} unless Re_root is refused
+/// @param work, sign  p each
+/// Statuses: singular_innovation, overflow. rcond is that of Re_root.
+template <class S, class ReType, class GType, class WorkType>
+StepReport<S> divide_by_innovation_root(const ReType& Re_root, const S& tolerance, GType& G, WorkType& work,
+                                        WorkType& sign) {
+  if (!all_finite(Re_root)) return {Status::overflow, S(0)};
+  const S rcond = reciprocal_condition_triangular<Triangle::lower>(Re_root, work, sign);
+  if (!(rcond >= tolerance)) return {Status::singular_innovation, rcond};
+  solve_triangular_right<Triangle::lower, false>(Re_root, G);
+  return {all_finite(G) ? Status::ok : Status::overflow, rcond};
+}
+
 /// The square-root covariance filter: it holds S, lower, P = S S', and never forms P.
 ///
 ///     [ R^{1/2}  C S    0        ]       [ Re^{1/2}  0   0 ]
@@ -58,7 +75,7 @@ class SquareRootCovarianceFilter {
   StepReport<S> step(const Model& model, const Output* y = nullptr, const Input* u = nullptr) {
     auto AS = AS_BQ_.leftCols(S_.rows());
     multiply_lower(model.A, S_, AS);
-    multiply_lower(model.B, model.Q_root, AS_BQ_.rightCols(model.B.cols()));
+    model.process_noise_root(AS_BQ_.rightCols(model.B.cols()));
     const auto report = innovate(model, y, AS, next_predictor_gain_);
     if (!report) return report;
     lq(AS_BQ_, tau_);
@@ -95,7 +112,7 @@ class SquareRootCovarianceFilter {
   /// The time update alone: what is held goes from k|k to k+1|k.
   StepReport<S> time_update(const Model& model, const Input* u = nullptr) {
     multiply_lower(model.A, S_, AS_BQ_.leftCols(S_.rows()));
-    multiply_lower(model.B, model.Q_root, AS_BQ_.rightCols(model.B.cols()));
+    model.process_noise_root(AS_BQ_.rightCols(model.B.cols()));
     lq(AS_BQ_, tau_);
     copy_lower(AS_BQ_, next_);
     next_x_.noalias() = model.A.lazyProduct(x_);
@@ -123,16 +140,13 @@ class SquareRootCovarianceFilter {
     copy_lower(model.R_root, next_Re_root_);
     multiply_lower(model.C, S_, CS_);
     structured_lq(Shape::full, next_Re_root_, CS_, rows, gain, tau_);
-    if (!all_finite(next_Re_root_)) return failed(Status::overflow, S(0), model, y);
-    const S rcond = reciprocal_condition_triangular<Triangle::lower>(next_Re_root_, work_, sign_);
-    if (!(rcond >= tolerance_)) return failed(Status::singular_innovation, rcond, model, y);
-    solve_triangular_right<Triangle::lower, false>(next_Re_root_, gain);
-    if (!all_finite(gain)) return failed(Status::overflow, rcond, model, y);
+    const auto report = divide_by_innovation_root(next_Re_root_, tolerance_, gain, work_, sign_);
+    if (!report) return failed(report.status, report.rcond, model, y);
     if (y) {
       innovation_ = *y;
       innovation_.noalias() -= model.C.lazyProduct(x_);
     }
-    return {Status::ok, rcond};
+    return report;
   }
 
   bool accept(bool has_state) {

@@ -8,6 +8,26 @@
 
 namespace kfstab {
 
+/// Kf = T^{-1} T^{-T} C' R^{-1} of T, column by column.
+///
+/// @param T  n x n, upper; what is below its diagonal is not read
+/// @param C_weighted  p x n, R^{-1/2} C    @param R_inverse_root  p x p, R^{-1/2}: the upper triangle is read
+/// @param gain  n x p. Out Kf.    @param work  n
+template <class TType, class CType, class RType, class GainType, class WorkType>
+void information_gain(const TType& T, const CType& C_weighted, const RType& R_inverse_root, GainType& gain,
+                      WorkType& work) {
+  using Scalar = typename GainType::Scalar;
+  const Index n = T.rows();
+  for (Index j = 0; j < gain.cols(); ++j) {
+    for (Index i = 0; i < n; ++i) work(i) = Scalar(0);
+    for (Index k = 0; k <= j; ++k)
+      for (Index i = 0; i < n; ++i) work(i) += C_weighted(k, i) * R_inverse_root(k, j);
+    solve_triangular<Triangle::upper, true>(T, work);
+    solve_triangular<Triangle::upper, false>(T, work);
+    gain.col(j) = work;
+  }
+}
+
 /// The square-root information filter: it holds T, upper, P_{k|k}^{-1} = T'T, and goes from k|k to k+1|k+1.
 ///
 ///       [ Q^{-1/2}      0          Q^{-1/2} z          ]     [ Qe^{-1/2}  *   *  ]
@@ -131,17 +151,7 @@ class SquareRootInformationFilter {
       const auto report = failed(finite ? Status::singular_information : Status::overflow, rcond, model, y, u);
       return failed(report.status, rcond, next);
     }
-    if (measured) {
-      // C'R^{-1} column by column, then T^{-1} T^{-T} of it.
-      for (Index j = 0; j < p; ++j) {
-        for (Index i = 0; i < n; ++i) work_(i) = S(0);
-        for (Index k = 0; k <= j; ++k)
-          for (Index i = 0; i < n; ++i) work_(i) += C_weighted_(k, i) * next.R_inverse_root(k, j);
-        solve_triangular<Triangle::upper, true>(next_, work_);
-        solve_triangular<Triangle::upper, false>(next_, work_);
-        next_gain_.col(j) = work_;
-      }
-    }
+    if (measured) information_gain(next_, C_weighted_, next.R_inverse_root, next_gain_, work_);
     if (has_state) {
       next_x_ = right_.head(n);
       solve_triangular<Triangle::upper, false>(next_, next_x_);

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <kfstab/filters/matrix.hpp>
+#include <kfstab/filters/products.hpp>
 
 /// One step's model,
 ///
@@ -12,6 +13,15 @@ namespace kfstab {
 
 /// What a filter's numbers stand for. Each filter takes one of them, and a Problem holds the numbers of one.
 enum class Parametrisation { covariance, root, information };
+
+constexpr const char* name(Parametrisation parametrisation) {
+  switch (parametrisation) {
+    case Parametrisation::covariance: return "covariance";
+    case Parametrisation::root: return "root";
+    case Parametrisation::information: return "information";
+  }
+  return "";
+}
 
 /// The dynamics: A (n x n), B (n x m), C (p x n), D (n x inputs; no columns where there is no known input).
 template <class S, int N = Dynamic, int M = Dynamic, int P = Dynamic>
@@ -41,7 +51,8 @@ struct CovarianceModel : StateSpace<S, N, M, P> {
   bool finite() const { return this->dynamics_finite() && all_finite(Q) && all_finite(R); }
 };
 
-/// Noise by lower roots: Q_root Q_root' = Q, R_root R_root' = R. Their strict upper triangles are never read.
+/// Noise by lower roots: Q_root Q_root' = Q, R_root R_root' = R. Their strict upper triangles are never read. A Q_root
+/// without rows says that B stands for B Q^{1/2} already (FB01QD's MULTBQ = 'P'); a filter takes that, a Problem does not.
 /// Started from S0, lower, S0 S0' = P0.
 template <class S, int N = Dynamic, int M = Dynamic, int P = Dynamic>
 struct RootModel : StateSpace<S, N, M, P> {
@@ -52,6 +63,15 @@ struct RootModel : StateSpace<S, N, M, P> {
 
   bool finite() const {
     return this->dynamics_finite() && all_finite_lower(Q_root) && all_finite_lower(R_root);
+  }
+
+  /// out = B Q^{1/2}, n x m.
+  template <class OutType>
+  void process_noise_root(OutType&& out) const {
+    if (Q_root.rows() == 0)
+      out = this->B;
+    else
+      multiply_lower(this->B, Q_root, out);
   }
 
   /// Whether the covariances take the same course: every number but D.

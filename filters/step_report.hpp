@@ -19,6 +19,8 @@ enum class Status {
   time_varying_model,
   /// A root of the measurement noise is singular where the form must divide by it.
   singular_measurement_noise,
+  /// The iteration of a singular value decomposition did not end within its bound.
+  no_convergence,
   /// The model or the data held a NaN or an infinity.
   non_finite_input,
   /// All input was finite, the result is not.
@@ -35,6 +37,7 @@ constexpr const char* name(Status status) {
     case Status::hyperbolic_breakdown: return "hyperbolic_breakdown";
     case Status::time_varying_model: return "time_varying_model";
     case Status::singular_measurement_noise: return "singular_measurement_noise";
+    case Status::no_convergence: return "no_convergence";
     case Status::non_finite_input: return "non_finite_input";
     case Status::overflow: return "overflow";
   }
@@ -46,7 +49,8 @@ template <class Scalar>
 struct StepReport {
   Status status = Status::ok;
   /// Reciprocal condition number in the 1-norm, estimated, of what the form must invert: Re for the forms that hold P,
-  /// Re^{1/2} for a square-root covariance filter, T for an information filter. 1 where there is nothing to invert.
+  /// Re^{1/2} for a square-root covariance filter (for the SVD filter in the 2-norm, as computed), R^{1/2} for scalar
+  /// updates, T or Y for an information filter. 1 where there is nothing to invert.
   Scalar rcond = Scalar(1);
 
   explicit operator bool() const { return status == Status::ok; }

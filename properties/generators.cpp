@@ -11,9 +11,6 @@
 #include <utility>
 #include <vector>
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
-#include <Eigen/QR>
 #include <boost/random/normal_distribution.hpp>
 #include <boost/random/uniform_int_distribution.hpp>
 #include <boost/random/uniform_real_distribution.hpp>
@@ -23,7 +20,11 @@
 #include <rapidcheck/shrinkable/Create.h>
 #include <rapidcheck/shrinkable/Operations.h>
 
+#include <kfstab/filters/linear_solve.hpp>
+#include <kfstab/filters/products.hpp>
+#include <kfstab/properties/frame.hpp>
 #include <kfstab/properties/precise.hpp>
+#include <kfstab/reference/steady_state.hpp>
 
 namespace kfstab::properties {
 
@@ -96,11 +97,7 @@ class Draw {
   /// The first cols columns of a random orthogonal matrix, rows >= cols.
   Matrix<double> frame(Index rows, Index cols) {
     if (rows == 0 || cols == 0) return Matrix<double>(rows, cols);
-    const Eigen::HouseholderQR<Matrix<double>> qr(normal(rows, cols));
-    Matrix<double> Q = qr.householderQ() * Matrix<double>::Identity(rows, cols);
-    for (Index j = 0; j < cols; ++j)
-      if (qr.matrixQR()(j, j) < 0) Q.col(j) *= -1;  // uniform over all frames
-    return Q;
+    return orthonormal_frame(normal(rows, cols));
   }
 
   Matrix<double> general(Index rows, Index cols, double condition) {
@@ -118,10 +115,7 @@ class Draw {
       for (Index i = 0; i < n; ++i) L(i, i) = std::sqrt(d(i));
     } else {
       const Matrix<double> M = spectrum(rank, condition).cwiseSqrt().asDiagonal() * frame(n, rank).transpose();
-      const Eigen::HouseholderQR<Matrix<double>> qr(M);
-      L.leftCols(rank) = qr.matrixQR().template triangularView<Eigen::Upper>().toDenseMatrix().transpose();
-      for (Index j = 0; j < rank; ++j)
-        if (L(j, j) < 0) L.col(j) *= -1;
+      L.leftCols(rank) = lower_root_of_gram(M);
     }
     return L * power_of_two(-3, 3);
   }
@@ -134,7 +128,7 @@ class Draw {
 Matrix<double> transition(Draw& draw, Index n, const Options& options) {
   Matrix<double> A = draw.general(n, n, draw.condition(options.worst_condition));
   if (n == 0) return A;
-  const double radius = A.eigenvalues().cwiseAbs().maxCoeff();
+  const double radius = reference::spectral_radius(A);
   // Nearly nilpotent matrices stay as they are.
   if (radius > 1e-3) A *= draw.real(0.3, options.largest_radius) / radius;
   if (options.singular && draw.one_in(6)) {
@@ -310,9 +304,10 @@ void simplify_covariance(std::vector<Edit>& edits, const System& system, Covaria
   if (Q.written == Covariance::Written::covariance && !all_diagonal) {
     std::vector<Matrix<double>> roots;
     for (const Matrix<double>& X : Q.value.matrices) {
-      const Eigen::LLT<Matrix<double>> llt(X);
-      if (llt.info() != Eigen::Success) return;  // singular: stays as it is
-      roots.push_back(llt.matrixL());
+      Matrix<double> V = X;
+      if (cholesky_upper(V) != 0) return;  // singular: stays as it is
+      mirror_upper(V);
+      roots.push_back(V.triangularView<Eigen::Lower>());
     }
     edits.push_back([=, roots = std::move(roots)](System& edited) {
       (edited.*member).written = Covariance::Written::root;

@@ -7,11 +7,11 @@
 #include <stdexcept>
 #include <utility>
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <fmt/format.h>
 
+#include <kfstab/filters/linear_solve.hpp>
 #include <kfstab/properties/precise.hpp>
+#include <kfstab/reference/definiteness.hpp>
 
 namespace kfstab::properties {
 
@@ -40,7 +40,7 @@ bool plainly_definite(const Matrix<double>& scaled) {
   const double n = static_cast<double>(scaled.rows());
   Matrix<double> lowered = scaled;
   lowered.diagonal().array() -= 10 * n * n * eps;
-  return Eigen::LLT<Matrix<double>>(lowered).info() == Eigen::Success;
+  return cholesky_upper(lowered) == 0;
 }
 
 bool singular(const Covariance& Q, std::size_t k) {
@@ -255,9 +255,8 @@ std::optional<std::string> admissible_covariance(const Matrix<double>& Q) {
     if (Q(i, i) == 0)
       for (Index j = 0; j < n; ++j)
         if (Q(i, j) != 0) return fmt::format("entry [{},{}] = {} beside a variance [{},{}] of 0", i, j, Q(i, j), i, i);
-  const Eigen::SelfAdjointEigenSolver<Matrix<double>> solver(scaled, Eigen::EigenvaluesOnly);
   return fmt::format("a smallest eigenvalue of {:.3g} when scaled to a diagonal between 1 and 4, below -n eps = {:.3g}",
-                     solver.eigenvalues()(0), -static_cast<double>(n) * eps);
+                     reference::smallest_eigenvalue(scaled), -static_cast<double>(n) * eps);
 }
 
 }  // namespace kfstab::properties

@@ -4,7 +4,6 @@
 #include <memory>
 #include <set>
 
-#include <Eigen/LU>
 #include <fmt/core.h>
 
 #include <kfstab/experiments/claim.hpp>
@@ -12,6 +11,7 @@
 #include <kfstab/experiments/interruption.hpp>
 #include <kfstab/experiments/models.hpp>
 #include <kfstab/filters/registry.hpp>
+#include <kfstab/properties/precise.hpp>
 #include <kfstab/reference/bounds.hpp>
 #include <kfstab/reference/steady_state.hpp>
 
@@ -99,7 +99,7 @@ void one_output(const Settings& set, Findings& findings) {
   for (const double r : std::set{1.02, 1.05, 1.1, r_shown, 1.5}) {
     Pair pair;
     pair.A = round_to(rotation(r, .7), 20);
-    const double predicted = std::abs(pair.A.determinant());
+    const double predicted = std::abs(pair.A(0, 0) * pair.A(1, 1) - pair.A(0, 1) * pair.A(1, 0));
     for (const Metadata* metadata : codings()) {
       const auto curve = norms(asymmetries(*metadata, pair.problem(), 3000, 1e3));
       const std::string name = fmt::format("{} at r = {:g}", coding_of(*metadata), r);
@@ -155,7 +155,7 @@ void one_output(const Settings& set, Findings& findings) {
   const Matrix<double> V{{1., .5}, {.25, 1.}};
   for (const auto& [l1, l2] : {std::pair{1.3, .5}, {2., .4}, {1.3, .9}}) {
     Pair pair;
-    pair.A = V * Eigen::DiagonalMatrix<double, 2>(l1, l2) * V.inverse();
+    pair.A = V * Eigen::DiagonalMatrix<double, 2>(l1, l2) * properties::Precise(V).inverse()->rounded();
     for (const Metadata* metadata : codings()) {
       const auto curve = norms(asymmetries(*metadata, pair.problem(), 1000, 1e3));
       const std::string name = fmt::format("{} at modes {:g}, {:g}", coding_of(*metadata), l1, l2);

@@ -42,6 +42,6 @@ int claim_command(const ClaimArguments& arguments);
 int demo_command(const std::string& out);
 
 /// what: "systems", "filters" or "claims"; all of them if it is empty. markdown: as tables for a README, not for a terminal.
-int list_command(const std::string& what, bool markdown);
+int list_command(const std::string& what, const std::string& format);
 
 }  // namespace kfstab::experiments

@@ -3,6 +3,7 @@
 #include <kfstab/experiments/catalogue.hpp>
 #include <kfstab/experiments/claim.hpp>
 #include <kfstab/experiments/commands/commands.hpp>
+#include <kfstab/experiments/results.hpp>
 #include <kfstab/filters/registry.hpp>
 #include <kfstab/reports/markdown.hpp>
 #include <kfstab/reports/number.hpp>
@@ -66,7 +67,12 @@ reports::Table claims_table() {
 
 }  // namespace
 
-int list_command(const std::string& what, bool markdown) {
+int list_command(const std::string& what, const std::string& format) {
+  if (format == "json") {
+    std::fputs(list_json(what).c_str(), stdout);
+    return Exit::ok;
+  }
+  const bool markdown = format == "markdown";
   bool first = true;
   const auto show = [&](const char* name, reports::Table (*make)()) {
     if (!what.empty() && what != name) return;

@@ -100,13 +100,13 @@ int command_line(int argc, char** argv) {
   auto* list_app = add_command("list", "List the systems, filters and claims that come with kfstab");
   list_app->add_option("WHAT", what, "systems, filters or claims; else all")
       ->check(CLI::IsMember({"systems", "filters", "claims"}));
-  const auto add_format = [&format](CLI::App* command) {
-    command->add_option("--format", format, "text, or markdown for a README")
-        ->envname("KFSTAB_FORMAT")->check(CLI::IsMember({"text", "markdown"}))->capture_default_str();
+  const auto add_format = [&format](CLI::App* command, const std::string& text, const std::vector<std::string>& formats) {
+    command->add_option("--format", format, text)
+        ->envname("KFSTAB_FORMAT")->check(CLI::IsMember(formats))->capture_default_str();
   };
-  add_format(list_app);
-  list_app->callback([&] { exit_code = list_command(what, format == "markdown"); });
-  add_format(claim_app);
+  add_format(list_app, "text, markdown for a README, or json for a program", {"text", "markdown", "json"});
+  list_app->callback([&] { exit_code = list_command(what, format); });
+  add_format(claim_app, "text, or markdown for a README", {"text", "markdown"});
 
   try {
     app.parse(argc, argv);

@@ -2,8 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
-#include <Eigen/Eigenvalues>
+#include <kfstab/filters/symmetric_eigen.hpp>
 
 namespace kfstab::properties::laws {
 
@@ -12,10 +13,10 @@ namespace {
 /// How far below 0 the smallest eigenvalue of a symmetric matrix lies. X was formed in 100 digits; rounding it to double costs
 /// u |X|, at most a unit or two of the ratio.
 double below_zero(const Precise& X) {
-  const Matrix<double> rounded = X.rounded();
+  Matrix<double> rounded = X.rounded(), vectors(X.rows(), X.rows());
   if (rounded.rows() == 0) return 0;
-  const Eigen::SelfAdjointEigenSolver<Matrix<double>> solver(rounded, Eigen::EigenvaluesOnly);
-  return std::max(0.0, -solver.eigenvalues()(0));
+  if (!symmetric_eigen(rounded, vectors)) return std::numeric_limits<double>::infinity();
+  return std::max(0.0, -rounded.diagonal().minCoeff());
 }
 
 std::optional<double> of_covariance(const ObservedStep& step, const CovarianceStep& s) {

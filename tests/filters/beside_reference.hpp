@@ -34,10 +34,12 @@ inline const Case cases[] = {
     {.d = {2, 1, 3}, .period = 1, .singular = true},
 };
 
-/// Runs every filter of the registry, in this scalar, beside the plain recursion, on every case that it applies to.
+/// Runs every filter of the registry, in this scalar, beside the plain recursion, on every case that it applies to. The
+/// recursion has no bound for csrf, whose errors depend on its rotations: chandrasekhar_test.cpp has.
 template <class Scalar>
 void every_filter_follows_the_plain_recursion(std::uint64_t seeds) {
   for (const Metadata& metadata : filters()) {
+    if (metadata.holds == Held::gain) continue;
     double worst = 0;
     for (const Case& c : cases) {
       if (!applies(metadata, c)) continue;

@@ -11,14 +11,15 @@ namespace kfstab::test {
 /// Which entries of a matrix may be touched.
 enum class Allowed { all, lower, upper };
 
-/// A matrix that throws when an entry outside the promised triangle is read or written. The idea is tlapack's
-/// TestUploMatrix. The entries outside hold NaN, too.
+/// A matrix that throws when an entry outside the promised triangle, widened by `band` diagonals, is read or written.
+/// The idea is tlapack's TestUploMatrix. The entries outside hold NaN, too.
 template <class S>
 class Guarded {
  public:
   using Scalar = S;
 
-  Guarded(Matrix<S> entries, Allowed allowed) : entries_(std::move(entries)), allowed_(allowed) {
+  Guarded(Matrix<S> entries, Allowed allowed, Index band = 0)
+      : entries_(std::move(entries)), allowed_(allowed), band_(band) {
     for (Index j = 0; j < cols(); ++j)
       for (Index i = 0; i < rows(); ++i)
         if (!may_touch(i, j)) entries_(i, j) = S(std::nan(""));
@@ -30,7 +31,7 @@ class Guarded {
   const S& operator()(Index i, Index j) const { return entries_(checked(i, j), j); }
 
   bool may_touch(Index i, Index j) const {
-    return allowed_ == Allowed::all || (allowed_ == Allowed::lower ? i >= j : i <= j);
+    return allowed_ == Allowed::all || (allowed_ == Allowed::lower ? i + band_ >= j : i <= j + band_);
   }
 
   /// What may be touched, and zeros.
@@ -53,6 +54,7 @@ class Guarded {
 
   Matrix<S> entries_;
   Allowed allowed_;
+  Index band_;
 };
 
 }  // namespace kfstab::test

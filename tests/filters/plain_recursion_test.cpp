@@ -144,6 +144,12 @@ struct Plain {
   }
 };
 
+double trace(const Dense& X) {
+  Real s = 0;
+  for (Index i = 0; i < X.rows; ++i) s += X(i, i);
+  return static_cast<double>(s);
+}
+
 double square(double x) { return x * x; }
 double hypotenuse(double x, double y) { return std::sqrt(x * x + y * y); }
 
@@ -160,6 +166,7 @@ struct PlainRecursion::Run {
 
   // Bounds of the errors that the filter holds now: of P or of T'T, of the gain, of x.
   double e_held = 0, e_gain = 0, e_state = 0;
+  double e_vector = 0;  // of d = Y x
   Real innovation_square = 0;
   double e_residual = 0;
 
@@ -182,7 +189,9 @@ struct PlainRecursion::Run {
       xf = x + Kf * innovation;
       if (now.C.rows > 0) innovation_square = (transposed(innovation) * Re_inverse * innovation)(0, 0);
     }
-    if (filter.takes == Parametrisation::information)
+    if (filter.holds == Held::information)
+      normal_equation_bounds(k, Pf_before, xf_before, y);
+    else if (filter.takes == Parametrisation::information)
       information_bounds(k, Pf_before, xf_before, y);
     else
       covariance_bounds(now, P_before, x_before, Re, Re_inverse, innovation, y, u);
@@ -215,37 +224,53 @@ struct PlainRecursion::Run {
       default: amplification += square(a) + square(norm(K * now.C));
     }
 
-    const double b = norm(now.B), q = norm(now.Q);
-    double gain_local, held_local;
-    if (filter.holds == Held::covariance_factor) {
+    const double b = norm(now.B), q = norm(now.Q), kf = norm(Kf);
+    const double known = u ? norm(now.D) * u->norm() : 0;
+    double gain_local, filter_gain_local, held_local;
+    double state_local = y ? a * norm(x0) + (k + a * kf) * (y->norm() + c * norm(x0)) + known : 0;
+    if (holds_root(filter.holds)) {
       // The pre-array's rows [A S  B Q^{1/2}] and its rows of Re^{1/2} are perturbed by u times their norm; the
       // triangular factor of the upper ones answers with its condition number, and so do the rows below, which follow
-      // its rotation.
-      const double kappa_root = std::sqrt(kappa);
-      double trace_P = 0, trace_Q = 0, trace_next = 0;
+      // its rotation. It is no different where singular vectors take the place of that factor: the array of the second
+      // decomposition has rows of (I - Kf C) S and Kf R^{1/2}, and |Kf C S| <= |S| (s1/sp).
       const Dense next = now.A * Pf * transposed(now.A) + now.B * now.Q * transposed(now.B);
-      for (Index i = 0; i < P0.rows; ++i) trace_P += static_cast<double>(P0(i, i));
-      for (Index i = 0; i < next.rows; ++i) trace_next += static_cast<double>(next(i, i));
-      for (Index i = 0; i < now.Q.rows; ++i) trace_Q += static_cast<double>(now.Q(i, i));
-      const double rows = hypotenuse(a * std::sqrt(trace_P), b * std::sqrt(trace_Q));
-      held_local = 2 * (1 + kappa_root) * rows * std::sqrt(trace_next);  // d(S S') = dS S' + S dS'
-      gain_local = (1 + kappa_root) * std::sqrt(ire) * (rows + k * std::sqrt(norm(Re)));
+      const double s = std::sqrt(trace(P0)), rows = hypotenuse(a * s, b * std::sqrt(trace(now.Q)));
+      double loss = 1 + std::sqrt(kappa);
+      gain_local = loss * std::sqrt(ire) * (rows + k * std::sqrt(norm(Re)));
+      filter_gain_local = loss * std::sqrt(ire) * (s + kf * std::sqrt(norm(Re)));
+      if (filter.needs.positive_definite_R) {
+        // Scalar updates with the rows of Phi = R^{-1/2} C, whose whitening perturbs them by u k(R^{1/2}) |Phi|. With
+        // Kw = Kf R^{1/2} = Pf Phi', and Sf a root of Pf, of the norms |Sf| <= |S|, |Sf' Phi'| <= 1:
+        //   - dPhi changes Pf by Pf dPhi' Kw' and its transpose: |Sf| |S| (|Phi| |S|) u k(R^{1/2}), twice;
+        //   - the rounding of one update, u |S| in the root, goes through I - Kw Phi of those that follow, whose norm
+        //     is at most 1 + |S| |Phi|, against Sf.
+        // So 1 + k(R^{1/2}) |Phi| |S| stands where k(Re^{1/2}) did, and R^{-1/2} where Re^{-1/2}. y and x enter by
+        // y_w - Phi x, against Kw, and each x on the way is rounded too.
+        const Dense R_inverse = inverse(now.R);
+        const double r_inverse = std::sqrt(trace(R_inverse)), k_root = std::sqrt(trace(now.R)) * r_inverse;
+        const double phi = std::sqrt(trace(transposed(now.C) * R_inverse * now.C));
+        const double kw = std::sqrt(trace(Kf * now.R * transposed(Kf)));
+        loss = 1 + k_root * phi * s;
+        filter_gain_local = loss * s * r_inverse;
+        gain_local = a * filter_gain_local;
+        if (y) {
+          const double on_the_way = norm(x0) + s * r_inverse * norm(innovation);
+          const double residual = r_inverse * y->norm() + phi * on_the_way;
+          state_local = a * ((1 + phi * s) * on_the_way + k_root * kw * residual) + known;
+        }
+      }
+      held_local = 2 * loss * rows * std::sqrt(trace(next));  // d(S S') = dS S' + S dS'
     } else {
       // Re is rounded by u (|R| + |C|^2 |P|) and inverted; P+ is the difference of A P A' and K Re K'.
       const double re = norm(now.R) + square(c) * p;
       held_local = kappa * (square(a) * p + square(b) * q) + a * p * c * ire * re * ire * c * p * a;
       gain_local = k * kappa * (1 + re * ire) + a * p * c * ire;
+      filter_gain_local = kf * kappa * (1 + re * ire) + p * c * ire;  // the same analysis without the factor A
     }
-    e_gain = gain_in + unit * gain_local;
-    if (filter.gain == GainKind::filter)  // the same analysis without the factor A
-      e_gain = (1 + norm(Kf) * c) * e_held * c * ire +
-               unit * (norm(Kf) * kappa * (1 + (norm(now.R) + square(c) * p) * ire) + p * c * ire);
     const double e_predictor = gain_in + unit * gain_local;
-    if (y) {
-      const double known = u ? norm(now.D) * u->norm() : 0;
-      e_state = f * e_state + e_predictor * norm(innovation) +
-                unit * (a * norm(x0) + (k + a * norm(Kf)) * (y->norm() + c * norm(x0)) + known);
-    }
+    e_gain = e_predictor;
+    if (filter.gain == GainKind::filter) e_gain = (1 + kf * c) * e_held * c * ire + unit * filter_gain_local;
+    if (y) e_state = f * e_state + e_predictor * norm(innovation) + unit * state_local;
     e_held = amplification * e_held + unit * held_local;
   }
 
@@ -256,28 +281,22 @@ struct PlainRecursion::Run {
   void information_bounds(std::int64_t k, const Dense& Pf0, const Dense& xf0, const Vector<double>* y) {
     const Plain& now = model(k);
     const Dense Y = inverse(Pf), R_inverse = inverse(now.R);
-    double trace_Y = 0, trace_R = 0;
-    for (Index i = 0; i < Y.rows; ++i) trace_Y += static_cast<double>(Y(i, i));
-    for (Index i = 0; i < R_inverse.rows; ++i) trace_R += static_cast<double>(R_inverse(i, i));
-    const double t_next = std::sqrt(trace_Y), c = norm(now.C), r_root = std::sqrt(trace_R), pf = norm(Pf);
+    const double trace_Y = trace(Y), pf = norm(Pf);
+    const double t_next = std::sqrt(trace_Y), c = norm(now.C), r_root = std::sqrt(trace(R_inverse));
 
     double amplification = 1, state_in = e_state, gain_of_information = 0;
     double column_w = 0, column_x, column_data = 0, z = 0, w_hat = 0;
     if (!started) {
-      const Dense Y0 = inverse(P);
-      double trace = 0;
-      for (Index i = 0; i < Y0.rows; ++i) trace += static_cast<double>(Y0(i, i));
-      column_x = hypotenuse(std::sqrt(trace), r_root * c);
-      column_data = hypotenuse(std::sqrt(trace) * norm(x), y ? r_root * y->norm() : 0);
+      const double t = std::sqrt(trace(inverse(P)));
+      column_x = hypotenuse(t, r_root * c);
+      column_data = hypotenuse(t * norm(x), y ? r_root * y->norm() : 0);
     } else {
       const Plain& before = model(k - 1);
       const Dense A_inverse = inverse(before.A), AB = A_inverse * before.B, Y0 = inverse(Pf0);
       const Dense Q_inverse = inverse(before.Q), NM = transposed(AB) * Y0 * A_inverse;
       const Dense Qe_inverse = inverse(Q_inverse + transposed(AB) * Y0 * AB), Z = Qe_inverse * NM;
-      double trace = 0, trace_Q = 0;
-      for (Index i = 0; i < Y0.rows; ++i) trace += static_cast<double>(Y0(i, i));
-      for (Index i = 0; i < Q_inverse.rows; ++i) trace_Q += static_cast<double>(Q_inverse(i, i));
-      const double t = std::sqrt(trace), q_root = std::sqrt(trace_Q), known = norm(before.D) * last_u.norm();
+      const double t = std::sqrt(trace(Y0)), q_root = std::sqrt(trace(Q_inverse));
+      const double known = norm(before.D) * last_u.norm();
       const double moved = norm(xf0) + norm(A_inverse) * known;
       z = norm(Z);
       column_w = hypotenuse(q_root, t * norm(AB));
@@ -301,6 +320,45 @@ struct PlainRecursion::Run {
     }
     e_held = amplification * e_held + unit * 2 * t_next * array;
     e_gain = square(pf) * e_held * c * square(r_root) + unit * (1 + trace_Y * pf) * pf * c * square(r_root);
+  }
+
+  /// One step of the form that holds Y = P^{-1} and d = Y x. With M = Q^{-1} + G'Y G, Z = M^{-1} G'Y and w the estimate
+  /// of the noise, every product is rounded by u times its factors' norms: Y G against Z, twice, and M against Z on
+  /// both sides, or against w.
+  void normal_equation_bounds(std::int64_t k, const Dense& Pf0, const Dense& xf0, const Vector<double>* y) {
+    const Plain& now = model(k);
+    const Dense Y = inverse(Pf);
+    const double c = norm(now.C), r = trace(inverse(now.R)), pf = norm(Pf), kappa = trace(Y) * pf;
+
+    double amplification = 1, held_local, vector_in = e_vector, vector_local;
+    if (!started) {
+      held_local = trace(inverse(P));
+      vector_local = held_local * norm(x);
+    } else {
+      const Plain& before = model(k - 1);
+      const Dense A_inverse = inverse(before.A), G = A_inverse * before.B, Y0 = inverse(Pf0);
+      const Dense Q_inverse = inverse(before.Q), M = Q_inverse + transposed(G) * Y0 * G, M_inverse = inverse(M);
+      const Dense Z = M_inverse * transposed(G) * Y0, through = A_inverse - G * Z * A_inverse;
+      Dense shift(Y.rows, 1);
+      if (last_u.size() > 0) shift = A_inverse * before.D * Dense(last_u);
+      const Dense d = Y0 * xf0, shifted = d + Y0 * shift;
+      const Dense w = M_inverse * (Q_inverse * before.w - transposed(G) * shifted);
+
+      const double a = norm(A_inverse), g = norm(G), z = norm(Z), y0 = trace(Y0), q = trace(Q_inverse);
+      const double m = q + square(g) * y0;
+      const double W = std::sqrt(trace(Y0 * G * Z)), s = std::sqrt(trace(transposed(w) * M * w));
+      amplification = square(norm(through));
+      held_local = square(a) * (y0 + 2 * z * y0 * g + square(z) * m);
+      vector_in = norm(through) * (e_vector + e_held * (norm(shift) + g * norm(w)));
+      const double known = norm(before.D) * last_u.norm(), right = q * norm(before.w) + g * norm(shifted);
+      vector_local = a * (norm(d) + y0 * a * known + z * right + (y0 * g + z * m) * norm(w) + W * s);
+    }
+    e_held = amplification * e_held + unit * (held_local + square(c) * r);
+    e_gain = square(pf) * e_held * c * r + unit * (1 + kappa) * pf * c * r;
+    if (y) {
+      e_vector = vector_in + unit * (vector_local + c * r * y->norm());
+      e_state = pf * (e_vector + e_held * norm(xf)) + unit * kappa * norm(xf);
+    }
   }
 };
 
@@ -336,11 +394,23 @@ Judgement PlainRecursion::judge(const Exact& held, const Exact& gain, const Exac
   const Run& run = *run_;
   const Dense& P = run.predicts() ? run.P : run.Pf;
   Judgement result;
-  const Dense X = sum(held);
+  const Dense X = held.empty() ? Dense() : sum(held);
   switch (run.filter.holds) {
     case Held::covariance: result.held.error = norm(X - P); break;
     case Held::covariance_factor: result.held.error = norm(lower_of(X) * transposed(lower_of(X)) - P); break;
-    case Held::information_factor: result.held.error = norm(transposed(upper_of(X)) * upper_of(X) - inverse(P));
+    case Held::covariance_root: result.held.error = norm(X * transposed(X) - P); break;
+    case Held::ud_factors: {
+      Dense U = upper_of(X), D = identity(P.rows);
+      for (Index i = 0; i < P.rows; ++i) {
+        D(i, i) = U(i, i);
+        U(i, i) = 1;
+      }
+      result.held.error = norm(U * D * transposed(U) - P);
+      break;
+    }
+    case Held::information_factor: result.held.error = norm(transposed(upper_of(X)) * upper_of(X) - inverse(P)); break;
+    case Held::information: result.held.error = norm(X - inverse(P)); break;
+    case Held::gain: break;
   }
   result.held.bound = run.e_held;
   result.gain = {norm(sum(gain) - (run.filter.gain == GainKind::predictor ? run.K : run.Kf)), run.e_gain};

@@ -5,11 +5,18 @@
 #include <cmath>
 #include <string>
 
+#include <kfstab/filters/carlson.hpp>
+#include <kfstab/filters/chandrasekhar.hpp>
 #include <kfstab/filters/conventional.hpp>
+#include <kfstab/filters/hessenberg_square_root_covariance.hpp>
+#include <kfstab/filters/information.hpp>
 #include <kfstab/filters/joseph.hpp>
+#include <kfstab/filters/potter.hpp>
 #include <kfstab/filters/registry.hpp>
 #include <kfstab/filters/square_root_covariance.hpp>
 #include <kfstab/filters/square_root_information.hpp>
+#include <kfstab/filters/svd.hpp>
+#include <kfstab/filters/ud.hpp>
 
 #include "filters/plain_recursion.hpp"
 #include "filters/random_problem.hpp"
@@ -27,6 +34,12 @@ const auto& held_by(const Filter& filter) {
     return filter.covariance();
   else if constexpr (requires { filter.factor(); })
     return filter.factor();
+  else if constexpr (requires { filter.covariance_root(); })
+    return filter.covariance_root();
+  else if constexpr (requires { filter.ud_factors(); })
+    return filter.ud_factors();
+  else if constexpr (requires { filter.information(); })
+    return filter.information();
   else
     return filter.information_factor();
 }
@@ -62,7 +75,8 @@ class SplitOf final : public SplitFilter {
   Filter filter_{Dimensions{}};
 };
 
-constexpr auto split = std::to_array<std::string_view>({"ckf", "joseph", "srcf", "srif"});
+constexpr auto split =
+    std::to_array<std::string_view>({"ckf", "joseph", "srcf", "srif", "ud", "potter", "carlson", "information", "svd"});
 
 const Case split_cases[] = {{.d = {4, 2, 2}, .period = 3, .inputs = 1},
                             {.d = {2, 3, 4}, .period = 2, .inputs = 2},
@@ -168,6 +182,11 @@ std::unique_ptr<SplitFilter> make_split_filter(std::string_view id) {
   if (id == "joseph") return std::make_unique<SplitOf<JosephFilter<double>>>();
   if (id == "srcf") return std::make_unique<SplitOf<SquareRootCovarianceFilter<double>>>();
   if (id == "srif") return std::make_unique<SplitOf<SquareRootInformationFilter<double>>>();
+  if (id == "ud") return std::make_unique<SplitOf<UdFilter<double>>>();
+  if (id == "potter") return std::make_unique<SplitOf<PotterFilter<double>>>();
+  if (id == "carlson") return std::make_unique<SplitOf<CarlsonFilter<double>>>();
+  if (id == "information") return std::make_unique<SplitOf<InformationFilter<double>>>();
+  if (id == "svd") return std::make_unique<SplitOf<SvdFilter<double>>>();
   return nullptr;
 }
 
@@ -296,6 +315,12 @@ TEST(FixedSizes, FollowTheRecursionAsDynamicOnesDo) {
   fixed_follows<SquareRootCovarianceFilter<double, 4, 2, 2>, RootModel<double>>("srcf");
   fixed_follows<ConventionalFilter<double, 2, 1, 3>, CovarianceModel<double>>("ckf");
   fixed_follows<SquareRootInformationFilter<double, 3, 2, 1>, InformationModel<double>>("srif");
+  fixed_follows<UdFilter<double, 2, 1, 3>, RootModel<double>>("ud");
+  fixed_follows<PotterFilter<double, 1, 1, 1>, RootModel<double>>("potter");
+  fixed_follows<CarlsonFilter<double, 4, 2, 2>, RootModel<double>>("carlson");
+  fixed_follows<InformationFilter<double, 3, 2, 1>, InformationModel<double>>("information");
+  fixed_follows<SvdFilter<double, 2, 1, 3>, RootModel<double>>("svd");
+  fixed_follows<SvdFilter<double, 1, 1, 1>, RootModel<double>>("svd");
 }
 
 TEST(SquareRootCovarianceFilter, ShowsARootOfTheInnovationCovariance) {
@@ -377,6 +402,46 @@ TEST(Tolerance, OfTheConstructorReplacesTheDefault) {
   EXPECT_EQ(srif.step(T.models[0], T.models[0]).status, Status::singular_information);
   EXPECT_EQ(usual_srif.step(T.models[0], T.models[0]).status, Status::ok);
   EXPECT_EQ(srif.information_factor(), T.initial);
+}
+
+namespace {
+
+template <class Filter>
+void takes_the_product_for_B(const char* id) {
+  const auto problem = std::get<Problem<RootModel<double>>>(
+      random_problem(Parametrisation::root, {.d = {4, 2, 3}, .inputs = 1}, 41));
+  const RootModel<double>& model = problem.models.front();
+  RootModel<double> product = model;
+  model.process_noise_root(product.B);
+  product.Q_root.resize(0, 0);
+  Filter given(model.dimensions()), multiplied(model.dimensions());
+  given.start(problem.initial, problem.x0);
+  multiplied.start(problem.initial, problem.x0);
+  Dice dice(5);
+  for (int k = 0; k < 4; ++k) {
+    const Vector<double> y = dice.vector(3, 16);
+    ASSERT_TRUE(given.step(model, &y)) << id;
+    ASSERT_TRUE(multiplied.step(product, &y)) << id;
+    EXPECT_EQ(given.state(), multiplied.state()) << id << " step " << k;
+    if constexpr (requires { given.predictor_gain(); }) {
+      EXPECT_EQ(given.predictor_gain(), multiplied.predictor_gain()) << id;
+    } else {
+      EXPECT_EQ(given.filter_gain(), multiplied.filter_gain()) << id;
+    }
+  }
+}
+
+}  // namespace
+
+// FB01QD's MULTBQ = 'P', g13ebc's null Q: the same numbers, so the same bits.
+TEST(ProcessNoise, MayComeMultipliedIntoB) {
+  takes_the_product_for_B<SquareRootCovarianceFilter<double>>("srcf");
+  takes_the_product_for_B<HessenbergSquareRootCovarianceFilter<double>>("srcf-hessenberg");
+  takes_the_product_for_B<ChandrasekharFilter<double>>("csrf");
+  takes_the_product_for_B<PotterFilter<double>>("potter");
+  takes_the_product_for_B<CarlsonFilter<double>>("carlson");
+  takes_the_product_for_B<UdFilter<double>>("ud");
+  takes_the_product_for_B<SvdFilter<double>>("svd");
 }
 
 }  // namespace kfstab::test

@@ -7,7 +7,6 @@
 #include <map>
 #include <string>
 
-#include <Eigen/LU>
 
 #include <kfstab/filters/registry.hpp>
 #include <kfstab/properties/generators.hpp>

@@ -1,0 +1,245 @@
+#pragma once
+
+#include <algorithm>
+
+#include <kfstab/filters/condensed.hpp>
+#include <kfstab/filters/products.hpp>
+#include <kfstab/filters/square_root_information.hpp>
+
+namespace kfstab {
+
+/// The square-root information filter in controller-Hessenberg form: SquareRootInformationFilter for time-invariant
+/// systems, at a fraction of its price. It works in coordinates U x, F = U A^{-1} U', H = U A^{-1} B,
+///
+///     H(i, j) = 0 for i > j,     F(i, j) = 0 for i > j + m,
+///
+///       [ Q^{-1/2}  0              Q^{-1/2} z ]     [ Qe^{-1/2}  *   *  ]
+///     V [ 0         R^{-1/2} C U'  R^{-1/2} y ]  =  [ 0          T+  xi ],   x+ = U' T+^{-1} xi           theory (2.9)
+///       [ T H       T F            T x_U      ]     [ 0          0   e  ]
+///
+/// with P_{k|k}^{-1} = U' T'T U, x_U = U (x + A^{-1} D u), z = -E w. A reflector reaches over j + 1 rows in column
+/// j <= m, then over m + p + 1, as the zeros of the array stay. What it shows is in the coordinates of the model.
+///
+/// The first step, or measurement update, reduces the model, O(n^3), and keeps a copy: a later step with other numbers
+/// in A^{-1}, A^{-1}B, C, Q or R is refused. D and the mean of w may change. If m = 0 there is nothing to condense by,
+/// and F is full.
+///
+/// Source: SLICOT FB01TD, whose Z is this z; Van Dooren, Verhaegen, SIAM J. Sci. Stat. Comput. 9 (1988). Operations
+/// 1/6 n^3 + n^2 (3m/2 + p) + n m^2 (fewer than FB01TD's 2 n m^2 + 2/3 m^3: reflectors end where the matrix does), and
+/// 2 n^2 p for the gain in the coordinates of the model. information_factor() costs 7/6 n^3 when it is asked for.
+template <class S, int N = Dynamic, int M = Dynamic, int P = Dynamic>
+class HessenbergSquareRootInformationFilter {
+ public:
+  using Scalar = S;
+  using Model = InformationModel<S, N, M, P>;
+  using Output = Vector<S, P>;
+  using Input = Vector<S>;
+
+  /// @param tolerance  least reciprocal condition number of T that counts as regular; <= 0 means n^2 u
+  explicit HessenbergSquareRootInformationFilter(Dimensions d = {N, M, P}, S tolerance = S(0))
+      : tolerance_(tolerance > S(0) ? tolerance : default_tolerance<S>(d.n)), band_(d.m > 0 ? d.m : d.n),
+        U_(d.n, d.n), F_(d.n, d.n), T_(d.n, d.n), next_(d.n, d.n), factor_(d.n, d.n), H_(d.n, d.m), TH_(d.n, d.m),
+        over_(d.m, d.n), Qe_root_(d.m, d.m), C_weighted_(d.p, d.n), CR_TF_(d.p + d.n, d.n), gain_(d.n, d.p),
+        condensed_gain_(d.n, d.p), next_gain_(d.n, d.p), right_(d.p + d.n), z_(d.m), w_(d.m), tau_(d.m), x_(d.n),
+        next_x_(d.n), moved_(d.n), e_(d.p), work_(d.n), sign_(d.n) {
+    system_.A_inverse.resize(d.n, d.n);
+    system_.A_inverse_B.resize(d.n, d.m);
+    system_.C.resize(d.p, d.n);
+    system_.Q_inverse_root.resize(d.m, d.m);
+    system_.R_inverse_root.resize(d.p, d.p);
+    U_.setIdentity();
+    T_.setZero();
+    factor_.setZero();
+    gain_.setZero();
+    x_.setZero();
+    e_.setZero();
+  }
+
+  /// Takes T0 (n x n; the upper triangle is read), T0'T0 = P0^{-1}, and x0: of the predicted state if
+  /// measurement_update follows, of the filtered one if step does. Either may bring another model.
+  template <class T0Type, class X0Type>
+  void start(const T0Type& T0, const X0Type& x0) {
+    copy_upper(T0, T_);
+    factor_ = T_;
+    has_factor_ = true;
+    U_.setIdentity();
+    reduced_ = false;
+    x_ = x0;
+    gain_.setZero();
+    e_.setZero();
+  }
+
+  /// One combined time and measurement update, from k|k to k+1|k+1.
+  /// @param model  of step k: D and the mean of w    @param next  of step k+1; all other numbers are those of model
+  /// @param y  y_{k+1} (p), or null: no state is computed, and x stays what it was
+  /// @param u  u_k, as many as D has columns, or null for none
+  /// Statuses: time_varying_model (its numbers, or those of next, are not those of the first step),
+  /// singular_information (of T+), non_finite_input, overflow.
+  StepReport<S> step(const Model& model, const Model& next, const Output* y = nullptr, const Input* u = nullptr) {
+    const Status status = recognise(model, next);
+    if (status != Status::ok) return blame(status, S(0), model, next, y, u);
+
+    const Index n = T_.rows(), m = H_.cols();
+    auto TF = CR_TF_.bottomRows(n);
+    multiply_upper_hessenberg(band_, T_, F_, TF);
+    multiply_upper_hessenberg(0, T_, H_, TH_);
+    copy_upper(model.Q_inverse_root, Qe_root_);
+    structured_qr(Shape::trapezoidal, Qe_root_, TH_, TF, over_, tau_);
+    if (y) {
+      moved_ = x_;
+      if (u) {
+        work_.noalias() = model.D.lazyProduct(*u);
+        moved_.noalias() += model.A_inverse.lazyProduct(work_);
+      }
+      auto xi = transformed(moved_);
+      z_.setZero();
+      if (model.w_mean.size() > 0) {
+        w_ = -model.w_mean;
+        multiply_upper(model.Q_inverse_root, w_, z_);
+      }
+      for (Index j = 0; j < m; ++j) apply_reflector(S(tau_(j)), TH_, j, std::min(j + 1, n), z_(j), xi);
+    }
+    return finish(band_, model, next, y, u);
+  }
+
+  /// The measurement update alone: from k|k-1 to k|k. It starts a run from P_{0|-1}.
+  StepReport<S> measurement_update(const Model& model, const Output* y = nullptr) {
+    const Input* u = nullptr;
+    const Status status = recognise(model, model);
+    if (status != Status::ok) return blame(status, S(0), model, model, y, u);
+    const Index n = T_.rows(), p = e_.size();
+    for (Index j = 0; j < n; ++j)
+      for (Index i = 0; i <= j; ++i) CR_TF_(p + i, j) = T_(i, j);
+    if (y) transformed(x_);
+    return finish(0, model, model, y, u);
+  }
+
+  /// T, n x n, zero below the diagonal, T'T = P_{k|k}^{-1}: the QR factor of condensed_factor() U, made when it
+  /// is asked for.
+  const Matrix<S, N, N>& information_factor() {
+    if (!has_factor_) {
+      triangularise(U_, T_, factor_);
+      has_factor_ = true;
+    }
+    return factor_;
+  }
+  /// T of the array, n x n, zero below the diagonal: U P_{k|k}^{-1} U' = T'T.
+  const Matrix<S, N, N>& condensed_factor() const { return T_; }
+  /// U, n x n, orthogonal; the identity before the first step.
+  const Matrix<S, N, N>& transformation() const { return U_; }
+  /// Kf = P_{k|k} C' R^{-1}, n x p, of the last step.
+  const Matrix<S, N, P>& filter_gain() const { return gain_; }
+  const Vector<S, N>& state() const { return x_; }
+  /// e, p: the whitened residual that the last step left over; e'e adds to the sum of squares.
+  const Vector<S, P>& residual() const { return e_; }
+
+ private:
+  static constexpr int rows = N == Dynamic || P == Dynamic ? Dynamic : N + P;
+
+  /// A failure's true cause may lie in either model.
+  StepReport<S> blame(Status status, const S& rcond, const Model& model, const Model& next, const Output* y,
+                      const Input* u) const {
+    const auto report = failed(status, rcond, model, y, u);
+    return failed(report.status, rcond, next);
+  }
+
+  /// ok if both models are the one that is known, after this call if none was before.
+  Status recognise(const Model& model, const Model& next) {
+    if (!reduced_ && !reduce(model)) return Status::overflow;
+    return model.same_system(system_) && next.same_system(system_) ? Status::ok : Status::time_varying_model;
+  }
+
+  /// Condenses the model and brings T into its coordinates; false, and nothing is kept, if the result is not finite.
+  bool reduce(const Model& model) {
+    F_ = model.A_inverse;
+    H_ = model.A_inverse_B;
+    U_.setIdentity();
+    controller_hessenberg(Triangle::upper, F_, H_, U_.transpose());
+    auto CR = CR_TF_.topRows(C_weighted_.rows());
+    multiply_upper(model.R_inverse_root, model.C, CR);
+    C_weighted_.noalias() = CR.lazyProduct(U_.transpose());
+    triangularise(U_.transpose(), factor_, T_);
+    if (!all_finite(F_) || !all_finite(H_) || !all_finite(C_weighted_) || !all_finite(T_) || !model.finite()) {
+      U_.setIdentity();
+      T_ = factor_;
+      return false;
+    }
+    system_.A_inverse = model.A_inverse;
+    system_.A_inverse_B = model.A_inverse_B;
+    system_.C = model.C;
+    system_.Q_inverse_root = model.Q_inverse_root;
+    system_.R_inverse_root = model.R_inverse_root;
+    return reduced_ = true;
+  }
+
+  /// out = the upper triangular factor of T V.
+  template <class VType>
+  void triangularise(const VType& V, const Matrix<S, N, N>& T, Matrix<S, N, N>& out) {
+    auto TV = CR_TF_.bottomRows(T.rows());
+    multiply_upper(T, V, TV);
+    work_.setZero();
+    qr(TV, work_);
+    copy_upper(TV, out);
+  }
+
+  /// T U x, for the lower part of the right-hand side.
+  auto transformed(const Vector<S, N>& x) {
+    auto xi = right_.tail(x.size());
+    work_.noalias() = U_.lazyProduct(x);
+    multiply_upper(T_, work_, xi);
+    return xi;
+  }
+
+  /// The measurement's part of the array, whose lower part has `band` subdiagonals, and the step's end.
+  StepReport<S> finish(Index band, const Model& model, const Model& next, const Output* y, const Input* u) {
+    const Index n = T_.rows(), p = e_.size();
+    CR_TF_.topRows(p) = C_weighted_;
+    if (y)
+      multiply_upper(next.R_inverse_root, *y, right_.head(p));
+    else
+      right_.setZero();
+    hessenberg_qr(p + band, CR_TF_, right_);
+    copy_upper(CR_TF_.topRows(n), next_);
+
+    const bool finite = all_finite(next_);
+    const S rcond = finite ? reciprocal_condition_triangular<Triangle::upper>(next_, work_, sign_) : S(0);
+    if (!(rcond >= tolerance_))
+      return blame(finite ? Status::singular_information : Status::overflow, rcond, model, next, y, u);
+    information_gain(next_, C_weighted_, next.R_inverse_root, condensed_gain_, work_);
+    next_gain_.noalias() = U_.transpose().lazyProduct(condensed_gain_);
+    if (y) {
+      moved_ = right_.head(n);
+      solve_triangular<Triangle::upper, false>(next_, moved_);
+      next_x_.noalias() = U_.transpose().lazyProduct(moved_);
+    }
+    if (!all_finite(next_gain_) || (y && !all_finite(next_x_)))
+      return blame(Status::overflow, rcond, model, next, y, u);
+    T_.swap(next_);
+    has_factor_ = false;
+    gain_.swap(next_gain_);
+    if (y) {
+      x_.swap(next_x_);
+      e_ = right_.tail(p);
+    }
+    return {Status::ok, rcond};
+  }
+
+  S tolerance_;
+  Index band_;  // of F_: what is below the band_-th subdiagonal is 0
+  bool reduced_ = false, has_factor_ = true;
+  Model system_;
+  Matrix<S, N, N> U_, F_, T_, next_, factor_;
+  Matrix<S, N, M> H_, TH_;
+  Matrix<S, M, N> over_;
+  Matrix<S, M, M> Qe_root_;
+  Matrix<S, P, N> C_weighted_;
+  Matrix<S, rows, N> CR_TF_;
+  Matrix<S, N, P> gain_, condensed_gain_, next_gain_;
+  Vector<S, rows> right_;
+  Vector<S, M> z_, w_, tau_;
+  Vector<S, N> x_, next_x_, moved_;
+  Vector<S, P> e_;
+  Vector<S, N> work_, sign_;
+};
+
+}  // namespace kfstab
