@@ -39,24 +39,32 @@ Parametrisation parametrisation(const AnyProblem<Scalar>& problem) {
 }
 
 /// What one step brings: the measurement y_k (p) and the known input u_k (as many as D has columns).
-struct StepData {
-  Vector<double> y;
-  Vector<double> u;
+template <class Scalar>
+struct StepDataOf {
+  Vector<Scalar> y;
+  Vector<Scalar> u;
 };
 
 /// The data of a run in the order of time. Streams hold one step at a time, so a run of any length fits.
-class DataStream {
+template <class Scalar>
+class DataStreamOf {
  public:
-  virtual ~DataStream() = default;
+  virtual ~DataStreamOf() = default;
   /// y_k and u_k of the next k, from k = 0 on; valid until the next call.
-  virtual const StepData& next() = 0;
+  virtual const StepDataOf<Scalar>& next() = 0;
 };
 
-/// Where data come from; a run without Data computes covariances and gains alone. Every stream that it opens brings the same numbers: from step 0.
-class Data {
+/// Where data come from; a run without data computes covariances and gains alone. Every stream that it opens brings the
+/// same numbers: from step 0.
+template <class Scalar>
+class DataOf {
  public:
-  virtual ~Data() = default;
-  virtual std::unique_ptr<DataStream> open() const = 0;
+  virtual ~DataOf() = default;
+  virtual std::unique_ptr<DataStreamOf<Scalar>> open() const = 0;
 };
+
+using StepData = StepDataOf<double>;
+using DataStream = DataStreamOf<double>;
+using Data = DataOf<double>;
 
 }  // namespace kfstab

@@ -8,6 +8,7 @@
 #include <string>
 
 
+#include <kfstab/filters/linear_solve.hpp>
 #include <kfstab/filters/registry.hpp>
 #include <kfstab/properties/generators.hpp>
 
@@ -89,10 +90,12 @@ struct Outcome {
 
 /// The textbook's update, one triangle copied to the other.
 Outcome update(const Model& model, const Matrix<double>& P, const Matrix<double>& R) {
-  const Matrix<double> Re = R + model.C * P * model.C.transpose();
+  Matrix<double> Re = R + model.C * P * model.C.transpose();
   Outcome result;
-  result.K = Re.size() > 0 ? Matrix<double>(Re.partialPivLu().solve(model.C * P * model.A.transpose()).transpose())
-                           : Matrix<double>(P.rows(), 0);
+  result.K = model.A * P * model.C.transpose();
+  Vector<int> pivots(Re.rows());
+  lu_transposed(Re, pivots);
+  solve_lu_right(Re, pivots, result.K);
   const Matrix<double> P_plus =
       (model.A - result.K * model.C) * P * model.A.transpose() + model.B * model.Q * model.B.transpose();
   result.P_plus = P_plus.selfadjointView<Eigen::Lower>();
