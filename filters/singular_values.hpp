@@ -43,7 +43,8 @@ typename XType::Scalar column_norm(const XType& X, Index j) {
 /// @param X  r x c, r >= c; destroyed
 /// @param F  c x c. Out V Sigma    @param sigma  c. Out the singular values, in decreasing order
 /// @param pivots  c, integers; work
-/// @param most_sweeps  A sweep rotates every pair of columns with |f_i'f_j| > (2r + 12) u |f_i| |f_j|
+/// @param most_sweeps  A sweep rotates every pair of columns with |f_i'f_j| > (2r + 12) u |f_i| |f_j|. One more follows
+///         the first that finds none, and rotates down to u: V is used as if it were orthogonal
 /// @return whether a sweep found no such pair. No finite matrix is known to need more than a dozen sweeps (every
 ///         rotation lowers the product of the columns' norms, which det R bounds from below, and convergence is
 ///         quadratic in the end), but nobody has proved a bound: after most_sweeps it returns false, and so it does
@@ -125,10 +126,11 @@ bool singular_values(XType& X, FType& F, SigmaType& sigma, Pivots& pivots, int m
   for (Index j = 0; j < c; ++j) sigma(j) = column_norm(F, j);
 
   // r u from the inner product that says how to turn, r u from the one that tests, and at most 6 u in each column from
-  // turning it: a test that asked for less could turn two columns for ever.
+  // turning it: a test that asked for less could turn two columns for ever. The last sweep asks once.
   const Scalar orthogonal = Scalar(static_cast<int>(2 * r + 12)) * u;
-  bool converged = false;
-  for (int sweep = 0; !converged && sweep <= most_sweeps; ++sweep) {
+  bool converged = false, last = false;
+  for (int sweep = 0; !last && sweep <= most_sweeps; ++sweep) {
+    last = converged;
     converged = true;
     for (Index p = 0; p < c; ++p)
       for (Index q = p + 1; q < c; ++q) {
@@ -141,14 +143,14 @@ bool singular_values(XType& X, FType& F, SigmaType& sigma, Pivots& pivots, int m
         } else {
           for (Index i = 0; i < c; ++i) cosine += (F(i, p) / x) * (F(i, q) / y);
         }
-        if (abs(cosine) <= orthogonal) continue;
+        if (abs(cosine) <= (last ? u : orthogonal)) continue;
         // t = tan of the smaller angle that makes the columns orthogonal; 1 + zeta^2 is zeta^2 where it could overflow.
         const Scalar zeta = (y / x - x / y) / (Scalar(2) * cosine), size = abs(zeta);
         Scalar t = size > Scalar(1) / u ? Scalar(Scalar(1) / (Scalar(2) * size))
                                         : Scalar(Scalar(1) / (size + Scalar(sqrt(Scalar(1) + size * size))));
         if (zeta < Scalar(0)) t = -t;
-        converged = false;
-        if (sweep == most_sweeps) break;
+        converged = last;
+        if (!last && sweep == most_sweeps) break;
         const Scalar cos = Scalar(1) / Scalar(sqrt(Scalar(1) + t * t)), sin = t * cos;
         for (Index i = 0; i < c; ++i) {
           const Scalar a = F(i, p), b = F(i, q);

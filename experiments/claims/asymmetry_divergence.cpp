@@ -66,8 +66,7 @@ Findings measure(const Settings& set) {
   figure.x = {"step k", false};
   figure.y = {"relative error of P, ||P^ - P|| / ||P||", true};
 
-  const auto selected = select_filters("-srif");
-  const SystemRun result = run(system, selected, {});
+  const SystemRun result = run(system, select_filters("^(ckf.*|joseph|srcf)$"), {});
   for (const FilterRun& f : result.filters) {
     const std::string id(f.metadata->id);
     const auto points = f.covariance_error.points();

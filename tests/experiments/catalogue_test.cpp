@@ -120,9 +120,18 @@ TEST_P(EverySystem, TwentyStepsOfEveryFilterThatApplies) {
       EXPECT_EQ(f.covariance_error.count(), 0);
       continue;
     }
+    if (id == "information" && (GetParam() == "kaminski" || GetParam() == "radar")) {
+      // Their variances are up to 1e22 apart, and that filter solves with P^{-1}: it says so.
+      ASSERT_TRUE(f.first_failure);
+      EXPECT_EQ(f.failure, kfstab::Status::singular_information);
+      continue;
+    }
     EXPECT_FALSE(f.first_failure) << "at step " << *f.first_failure << ": " << name(f.failure);
+    EXPECT_EQ(f.gain_error.count(), steps);
+    EXPECT_TRUE(std::isfinite(f.gain_error.largest()) && std::isfinite(f.gain_error.last()));
+    if (f.metadata->holds == kfstab::Held::gain) continue;
     EXPECT_EQ(f.covariance_error.count(), steps);
-    for (const Series* series : {&f.covariance_error, &f.gain_error, &f.asymmetry, &f.smallest_eigenvalue, &f.bound})
+    for (const Series* series : {&f.covariance_error, &f.asymmetry, &f.smallest_eigenvalue, &f.bound})
       EXPECT_TRUE(std::isfinite(series->largest()) && std::isfinite(series->last()));
     EXPECT_LT(f.covariance_error.largest(), 1) << "not a digit is left";
   }

@@ -91,10 +91,16 @@ TEST(Run, EveryFilterStaysAtRoundingLevelWhereNothingIsHard) {
     EXPECT_FALSE(f.first_failure);
     EXPECT_FALSE(f.first_indefinite);
     EXPECT_EQ(f.failure, Status::ok);
-    for (const Series* series : {&f.covariance_error, &f.gain_error, &f.asymmetry, &f.smallest_eigenvalue, &f.bound})
+    EXPECT_EQ(f.gain_error.count(), 60);
+    EXPECT_GT(f.gain_error.largest(), 0) << "nothing was measured";
+    if (f.metadata->holds == Held::gain) {
+      EXPECT_LT(f.gain_error.largest(), 1e-13);
+      EXPECT_EQ(f.covariance_error.count(), 0) << "it holds no P";
+      continue;
+    }
+    for (const Series* series : {&f.covariance_error, &f.asymmetry, &f.smallest_eigenvalue, &f.bound})
       EXPECT_EQ(series->count(), 60);
     EXPECT_GT(f.covariance_error.largest(), 0) << "nothing was measured";
-    EXPECT_GT(f.gain_error.largest(), 0) << "nothing was measured";
     EXPECT_LE(f.covariance_error.largest(), f.bound.largest());
     EXPECT_LE(f.gain_error.largest(), 30 * f.bound.largest());
     EXPECT_GT(f.smallest_eigenvalue.smallest(), 0);
@@ -173,7 +179,13 @@ TEST(Run, AFailureIsRecordedAndNotSteppedOn) {
   EXPECT_EQ(result.steps_done, 5);
   for (const FilterRun& f : result.filters) {
     SCOPED_TRACE(f.metadata->id);
-    if (f.metadata->holds == Held::covariance) {
+    if (f.metadata->needs.time_invariant) {
+      ASSERT_TRUE(f.refused);
+    } else if (f.metadata->holds == Held::information) {
+      // P^{-1} formed is no better than Re formed.
+      ASSERT_TRUE(f.first_failure);
+      EXPECT_EQ(f.failure, Status::singular_information) << name(f.failure);
+    } else if (f.metadata->holds == Held::covariance) {
       ASSERT_TRUE(f.first_failure);
       EXPECT_EQ(*f.first_failure, 2);
       EXPECT_TRUE(f.failure == Status::singular_innovation || f.failure == Status::not_positive_definite)

@@ -54,10 +54,15 @@ class EveryFilter : public ::testing::TestWithParam<Metadata> {
     }
     for (const auto& [id, result] : worst) {
       RecordProperty(std::string(id), std::to_string(result.worst));
-      const bool none = id == "symmetry" && metadata.holds != Held::covariance;
+      const bool none = metadata.holds == Held::gain || (id == "symmetry" && metadata.holds != Held::covariance);
       EXPECT_EQ(result.steps > cases, !none) << id << " applied to " << result.steps << " steps of " << cases << " systems";
     }
-    EXPECT_GT(applied, cases / 2);
+    // A sixth of all systems each has a singular A, Q or P0, a quarter changes with time; a fifth is left to chance.
+    const Needs& needs = metadata.needs;
+    double share = needs.time_invariant ? 3. / 4 : 1;
+    for (const bool need : {needs.invertible_A, needs.positive_definite_Q, needs.positive_definite_P0})
+      if (need) share *= 5. / 6;
+    EXPECT_GT(applied, .8 * share * cases);
     EXPECT_LT(broke_down, cases / 10);
   }
 };
@@ -69,7 +74,8 @@ TEST_P(EveryFilter, ObeysEveryLawOnIllConditionedSystems) {
   Options options;
   options.n.most = options.m.most = options.p.most = 4;
   options.most_steps = 25;
-  options.worst_condition = 1e14;
+  // What is formed of P^{-1} has to be solved with: it breaks down where others have half of their digits left.
+  options.worst_condition = GetParam().holds == Held::information ? 1e6 : 1e14;
   expect_lawful(options, 1989, 200);
 }
 

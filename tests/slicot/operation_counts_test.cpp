@@ -2,7 +2,10 @@
 
 #include <array>
 #include <cmath>
+#include <fstream>
 #include <functional>
+#include <iterator>
+#include <numeric>
 #include <string>
 #include <vector>
 
@@ -174,6 +177,61 @@ TEST(OperationCounts, FB01VD) {
   EXPECT_EQ(found[1], fb01vd_documented[1]);
   EXPECT_EQ(found[2], fb01vd_documented[2] / 2);
   EXPECT_EQ(found[3], 6);  // B Q
+}
+
+/// "7/6 n^3 + n^2 m", from six times the coefficients.
+std::string polynomial(const std::array<long, 10>& six_times) {
+  std::string text;
+  for (std::size_t i = 0; i < monomials.size(); ++i) {
+    const long c = six_times[i];
+    if (c == 0) continue;
+    const long divisor = std::gcd(c, 6L), numerator = c / divisor, denominator = 6 / divisor;
+    text += text.empty() ? "" : " + ";
+    if (denominator != 1 || numerator != 1) text += std::to_string(numerator);
+    if (denominator != 1) text += "/" + std::to_string(denominator);
+    if (denominator != 1 || numerator != 1) text += " ";
+    const char* names = "nmp";
+    std::string factors;
+    for (std::size_t v = 0; v < 3; ++v)
+      if (monomials[i][v] > 0)
+        factors += (factors.empty() ? "" : " ") + std::string(1, names[v]) +
+                   (monomials[i][v] > 1 ? "^" + std::to_string(monomials[i][v]) : "");
+    text += factors;
+  }
+  return text;
+}
+
+std::string table() {
+  struct Row {
+    const char *routine, *mode;
+    Count count;
+    std::array<long, 10> documented;
+  };
+  const Row rows[] = {
+      {"FB01QD", "no gain", [](int n, int m, int p) { return fb01qd(n, m, p, false); }, fb01qd_documented},
+      {"FB01QD", "no gain, B Q^{1/2} given", [](int n, int m, int p) { return fb01qd(n, m, p, true); }, {}},
+      {"FB01RD", "no gain, B Q^{1/2} given", fb01rd, fb01rd_documented},
+      {"FB01SD", "no state", [](int n, int m, int p) { return information(false, n, m, p, false); }, fb01sd_documented},
+      {"FB01SD", "no state, R^{-1/2} C given", [](int n, int m, int p) { return information(false, n, m, p, true); }, {}},
+      {"FB01TD", "no state, R^{-1/2} C given", [](int n, int m, int p) { return information(true, n, m, p, true); },
+       fb01td_documented},
+      {"FB01VD", "", fb01vd, fb01vd_documented},
+  };
+  std::string text = "| routine | mode | counted here | documented |\n| --- | --- | --- | --- |\n";
+  for (const Row& row : rows)
+    text += "| `" + std::string(row.routine) + "` | " + row.mode + " | " + polynomial(leading(row.count)) + " | " +
+            polynomial(row.documented) + " |\n";
+  return text;
+}
+
+// The page's table is what is counted, to the letter. To renew it put what this test prints between the two marks.
+TEST(OperationCounts, ThePageSaysWhatIsCounted) {
+  std::ifstream file(KFSTAB_SOURCE_DIR "/docs/operation-counts.md");
+  const std::string page((std::istreambuf_iterator<char>(file)), {});
+  const std::string begin = "<!-- counts: begin -->\n", end = "<!-- counts: end -->";
+  const auto from = page.find(begin), to = page.find(end);
+  ASSERT_TRUE(from != std::string::npos && to != std::string::npos);
+  EXPECT_EQ(page.substr(from + begin.size(), to - from - begin.size()), table()) << table();
 }
 
 }  // namespace
