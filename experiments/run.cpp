@@ -143,7 +143,7 @@ SystemRun run(const properties::System& system, const std::vector<const Metadata
 
   try {
     for (auto& [parametrisation, course] : courses)
-      if (course.numbers()) course.truth.emplace(*course.numbers(), system.data, options.digits);
+      if (course.numbers()) course.truth.emplace(*course.numbers(), system.data, reference::Request{.digits = options.digits});
 
     Feed feed(system.data);
     for (std::int64_t k = 0; k < system.steps; ++k) {

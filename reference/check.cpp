@@ -14,7 +14,7 @@ template <class Derived>
 void finite(const Eigen::MatrixBase<Derived>& X, const std::string& name) {
   for (Index j = 0; j < X.cols(); ++j)
     for (Index i = 0; i < X.rows(); ++i)
-      if (!is_finite(X(i, j)))
+      if (!is_finite(typename Derived::Scalar(X(i, j))))
         throw ReferenceError(name + "(" + std::to_string(i) + "," + std::to_string(j) + ") is not finite");
 }
 
@@ -29,7 +29,13 @@ void full(const Matrix<double>& X, Index rows, Index cols, const std::string& na
   finite(X, name);
 }
 
-void symmetric(const Matrix<double>& X, Index n, const std::string& name) {
+/// A rational is finite.
+void full(const Matrix<Rational>& X, Index rows, Index cols, const std::string& name) { shaped(X, rows, cols, name); }
+
+void finite(const Vector<Rational>&, const std::string&) {}
+
+template <class S>
+void symmetric(const Matrix<S>& X, Index n, const std::string& name) {
   full(X, n, n, name);
   for (Index j = 0; j < n; ++j)
     for (Index i = j + 1; i < n; ++i)
@@ -52,7 +58,8 @@ void nonsingular_upper(const Matrix<double>& X, Index n, const std::string& name
       throw ReferenceError(name + " is singular: entry (" + std::to_string(i) + "," + std::to_string(i) + ") is 0");
 }
 
-void noise(const CovarianceModel<double>& model, Dimensions d, const std::string& at) {
+template <class S>
+void noise(const CovarianceModel<S>& model, Dimensions d, const std::string& at) {
   full(model.A, d.n, d.n, "A" + at);
   full(model.B, d.n, d.m, "B" + at);
   symmetric(model.Q, d.m, "Q" + at);
@@ -78,15 +85,16 @@ void noise(const InformationModel<double>& model, Dimensions d, const std::strin
   if (is_singular(model.A_inverse)) throw ReferenceError("A^{-1}" + at + " is singular");
 }
 
-void start(const Problem<CovarianceModel<double>>& problem, Index n) { symmetric(problem.initial, n, "P0"); }
+template <class S>
+void start(const Problem<CovarianceModel<S>>& problem, Index n) { symmetric(problem.initial, n, "P0"); }
 void start(const Problem<RootModel<double>>& problem, Index n) { lower(problem.initial, n, "S0"); }
 void start(const Problem<InformationModel<double>>& problem, Index n) { nonsingular_upper(problem.initial, n, "T0"); }
 
 }  // namespace
 
-void check(const AnyProblem<double>& any, bool with_data) {
-  std::visit(
-      [&](const auto& problem) {
+void check(const Source& source, bool with_data) {
+  visit_source(
+      source, [&](const auto& problem) {
         if (problem.models.empty()) throw ReferenceError("the problem has no model");
         const Dimensions d = problem.dimensions();
         for (std::size_t k = 0; k < problem.models.size(); ++k) {
@@ -101,21 +109,23 @@ void check(const AnyProblem<double>& any, bool with_data) {
           shaped(problem.x0, d.n, 1, "x0");
           finite(problem.x0, "x0");
         }
-      },
-      any);
+      });
 }
 
-void check(const StepData& data, const AnyProblem<double>& any, std::int64_t k) {
+void check(const SourceData& data, const Source& source, std::int64_t k) {
+  const auto [outputs, inputs] = visit_source(source, [k](const auto& problem) {
+    const auto& model = problem.model(k);
+    return std::pair(model.C.rows(), model.D.cols());
+  });
+  const std::string at = " of step " + std::to_string(k);
   std::visit(
-      [&](const auto& problem) {
-        const auto& model = problem.model(k);
-        const std::string at = " of step " + std::to_string(k);
-        shaped(data.y, model.C.rows(), 1, "y" + at);
-        finite(data.y, "y" + at);
-        shaped(data.u, model.D.cols(), 1, "u" + at);
-        finite(data.u, "u" + at);
+      [&, outputs = outputs, inputs = inputs](const auto* step) {
+        shaped(step->y, outputs, 1, "y" + at);
+        finite(step->y, "y" + at);
+        shaped(step->u, inputs, 1, "u" + at);
+        finite(step->u, "u" + at);
       },
-      any);
+      data);
 }
 
 }  // namespace kfstab::reference::detail

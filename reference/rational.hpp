@@ -3,6 +3,7 @@
 #include <boost/multiprecision/gmp.hpp>
 
 #include <kfstab/filters/problem.hpp>
+#include <kfstab/reference/high_precision.hpp>
 
 /// Numbers without rounding: what a system's entries are where they were written exactly ("1/3", "1e-30"), and what the
 /// oracles of the tests compute in.
@@ -10,8 +11,17 @@ namespace kfstab::reference {
 
 using Rational = boost::multiprecision::number<boost::multiprecision::gmp_rational, boost::multiprecision::et_off>;
 
+/// The nearest number of that precision: a third has none that is exact.
+template <class Number>
+Number nearest(const Rational& x) {
+  Number y;
+  mpfr_set_q(y.backend().data(), x.backend().data(), MPFR_RNDN);
+  return y;
+}
+
 /// A problem in exact numbers. The covariance parametrisation serves for all: S0 S0' and (T'T)^{-1} are rational.
-using ExactProblem = Problem<CovarianceModel<Rational>>;
-using ExactData = DataOf<Rational>;
+struct ExactProblem : Problem<CovarianceModel<Rational>> {};
+/// Data in exact numbers.
+struct ExactData : DataOf<Rational> {};
 
 }  // namespace kfstab::reference

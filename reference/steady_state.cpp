@@ -85,7 +85,7 @@ Solution<T> double_up(const AnyProblem<double>& problem, int digits) {
 }  // namespace
 
 SteadyState steady_state(const AnyProblem<double>& problem) {
-  detail::check(problem, false);
+  detail::check(detail::Source(&problem), false);
   if (!std::visit([](const auto& p) { return p.time_invariant(); }, problem))
     throw ReferenceError("steady state: the problem is not time-invariant");
   const auto low = double_up<Real<100>>(problem, 100);

@@ -17,35 +17,50 @@ constexpr int most_digits = 750;  // what the highest lower rung can be asked fo
 
 namespace detail {
 
-std::unique_ptr<Lockstep> make_lockstep(int pair, const AnyProblem<double>& problem, bool with_data) {
-  return pair < 3 ? make_low_lockstep(pair, problem, with_data) : make_high_lockstep(pair, problem, with_data);
+std::unique_ptr<Lockstep> make_lockstep(int pair, const Source& source, bool with_data) {
+  return pair < 3 ? make_low_lockstep(pair, source, with_data) : make_high_lockstep(pair, source, with_data);
 }
 
 }  // namespace detail
 
 struct Trajectory::Implementation {
-  const AnyProblem<double>* problem;
+  detail::Source source;
   std::shared_ptr<const Data> data;
+  std::shared_ptr<const ExactData> exact_data;
   int wanted;
   int pair = 0;
   std::int64_t k = -1;
   std::unique_ptr<detail::Lockstep> lockstep;
   std::unique_ptr<DataStream> stream;
-  Truth truth;
+  std::unique_ptr<DataStreamOf<Rational>> exact_stream;
+  mutable Truth truth;
+  mutable std::int64_t truth_of = -1;
+
+  Implementation(detail::Source from, std::shared_ptr<const Data> d, std::shared_ptr<const ExactData> e, Request request)
+      : source(from), data(std::move(d)), exact_data(std::move(e)), wanted(request.digits) {
+    if (wanted < 1 || wanted > most_digits)
+      throw ReferenceError("digits = " + std::to_string(wanted) + ": expected 1 to " + std::to_string(most_digits));
+    detail::check(source, with_data());
+    const int first = request.first_digits > 0 ? request.first_digits : wanted + detail::spare_digits;
+    while (pair + 1 < detail::pairs && detail::rung_digits[pair] < first) ++pair;
+    restart();
+  }
+
+  bool with_data() const { return data || exact_data; }
 
   /// Both runs at their beginning, at the current pair of rungs.
   void restart() {
-    lockstep = detail::make_lockstep(pair, *problem, data != nullptr);
+    lockstep = detail::make_lockstep(pair, source, with_data());
     stream = data ? data->open() : nullptr;
+    exact_stream = exact_data ? exact_data->open() : nullptr;
   }
 
   bool step(std::int64_t at) {
-    const StepData* step_data = nullptr;
-    if (stream) {
-      step_data = &stream->next();
-      detail::check(*step_data, *problem, at);
-    }
-    return lockstep->advance(step_data, wanted);
+    detail::SourceData now = static_cast<const StepData*>(nullptr);
+    if (stream) now = &stream->next();
+    if (exact_stream) now = &exact_stream->next();
+    if (with_data()) detail::check(now, source, at);
+    return lockstep->advance(now, wanted);
   }
 
   /// From step 0 to step `last`, at the current pair.
@@ -55,21 +70,24 @@ struct Trajectory::Implementation {
       if (!step(at)) return false;
     return true;
   }
+
+  /// To the rung that has room for what was lost here, or the next one.
+  void climb() {
+    if (pair + 1 == detail::pairs)
+      throw ReferenceError("fewer than " + std::to_string(wanted) + " digits can be certified with " +
+                           std::to_string(lockstep->higher_digits()) + " at work; " + lockstep->why());
+    const int certified = lockstep->certified_digits();
+    const int needed = certified > 0 ? wanted + lockstep->lower_digits() - certified : 0;
+    do ++pair;
+    while (pair + 1 < detail::pairs && detail::rung_digits[pair] < needed);
+  }
 };
 
-Trajectory::Trajectory(const AnyProblem<double>& problem, std::shared_ptr<const Data> data, int digits,
-                       int first_digits)
-    : implementation_(std::make_unique<Implementation>()) {
-  if (digits < 1 || digits > most_digits)
-    throw ReferenceError("digits = " + std::to_string(digits) + ": expected 1 to " + std::to_string(most_digits));
-  detail::check(problem, data != nullptr);
-  Implementation& self = *implementation_;
-  self.problem = &problem;
-  self.data = std::move(data);
-  self.wanted = digits;
-  while (self.pair + 1 < detail::pairs && detail::rung_digits[self.pair] < first_digits) ++self.pair;
-  self.restart();
-}
+Trajectory::Trajectory(const AnyProblem<double>& problem, std::shared_ptr<const Data> data, Request request)
+    : implementation_(std::make_unique<Implementation>(&problem, std::move(data), nullptr, request)) {}
+
+Trajectory::Trajectory(const ExactProblem& problem, std::shared_ptr<const ExactData> data, Request request)
+    : implementation_(std::make_unique<Implementation>(&problem, nullptr, std::move(data), request)) {}
 
 Trajectory::~Trajectory() = default;
 Trajectory::Trajectory(Trajectory&&) noexcept = default;
@@ -79,27 +97,43 @@ void Trajectory::advance() {
   Implementation& self = *implementation_;
   bool certified = self.step(self.k + 1);
   while (!certified) {
-    if (self.pair + 1 == detail::pairs)
-      throw ReferenceError("fewer than " + std::to_string(self.wanted) + " digits can be certified with " +
-                           std::to_string(self.lockstep->higher_digits()) + " at work; " + self.lockstep->why());
-    ++self.pair;
+    self.climb();
     certified = self.replay(self.k + 1);
   }
-  self.lockstep->round_into(self.truth);
   ++self.k;
 }
 
 std::int64_t Trajectory::k() const { return implementation_->k; }
-const Truth& Trajectory::truth() const { return implementation_->truth; }
+
+const Truth& Trajectory::truth() const {
+  const Implementation& self = *implementation_;
+  if (self.truth_of != self.k) {
+    self.lockstep->round_into(self.truth);
+    self.truth_of = self.k;
+  }
+  return self.truth;
+}
+
 int Trajectory::certified_digits() const { return implementation_->lockstep->certified_digits(); }
+int Trajectory::certified_digits(Quantity quantity) const {
+  return implementation_->lockstep->certified_digits(quantity);
+}
 int Trajectory::working_digits() const { return implementation_->lockstep->higher_digits(); }
 
 std::vector<Matrix<double>> Trajectory::expansion(Quantity quantity, int terms) const {
   return implementation_->lockstep->expansion(quantity, terms);
 }
 
+std::vector<std::vector<std::string>> Trajectory::decimals(Quantity quantity, int most_digits) const {
+  return implementation_->lockstep->decimals(quantity, most_digits);
+}
+
 Errors Trajectory::measure(const Metadata& metadata, const Step<double>& step) const {
   return implementation_->lockstep->measure(metadata, step);
+}
+
+Matrix<double> Trajectory::entry_errors(const Metadata& metadata, const Step<double>& step) const {
+  return implementation_->lockstep->entry_errors(metadata, step);
 }
 
 }  // namespace kfstab::reference

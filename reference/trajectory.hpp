@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include <kfstab/filters/any_filter.hpp>
@@ -21,6 +22,9 @@
 ///     }
 namespace kfstab::reference {
 
+struct ExactProblem;  // rational.hpp
+struct ExactData;
+
 /// What was true at step k, each entry rounded once to double.
 struct Truth {
   Matrix<double> P_predicted;  ///< P_{k|k-1}
@@ -37,6 +41,9 @@ struct Truth {
 
   /// x_{k|k-1}, x_{k|k}, x_{k+1|k}; empty in a run without data.
   Vector<double> x_predicted, x_filtered, x_next;
+  /// log p(y_k | y_0 ... y_{k-1}) = -1/2 (p log 2 pi + log det Re + e' Re^{-1} e), e = y - C x_{k|k-1}; NaN in a run
+  /// without data.
+  double log_likelihood = 0;
 
   /// k_2(Re), right to all its digits however large; 1 if p = 0.
   double innovation_condition = 1;
@@ -68,8 +75,17 @@ struct Errors {
   double correct_digits;       ///< -log10(covariance), within [0, 15.95]; 0 if that is NaN
 };
 
-/// What Trajectory::expansion can give beyond the 16 digits of Truth.
-enum class Quantity { P_predicted, P_filtered, P_next, innovation, predictor_gain, filter_gain };
+/// What a trajectory has beyond the 16 digits of Truth, and certifies. In the notation there.
+enum class Quantity {
+  P_predicted, P_filtered, P_next, innovation, predictor_gain, filter_gain, x_predicted, x_filtered, x_next, log_likelihood
+};
+inline constexpr std::size_t quantities = 10;
+
+/// What is asked of a trajectory.
+struct Request {
+  int digits = 30;       ///< to be certified, 1 to 750
+  int first_digits = 0;  ///< the precision to try first, raised to the next rung; 0: what `digits` is likely to need
+};
 
 /// The reference trajectory of one problem. Holds the current step and nothing before it.
 ///
@@ -80,47 +96,62 @@ enum class Quantity { P_predicted, P_filtered, P_next, innovation, predictor_gai
 ///     Re = R + C P C',  Kf = P C' Re^{-1},  P_{k|k} = (I - Kf C) P (I - Kf C)' + Kf R Kf',  P+ = A P_{k|k} A' + B Q
 ///     B', x_{k|k} = x + Kf (y - C x),  x+ = A x_{k|k} + B E w + D u.
 ///
-/// The recursion runs twice, at neighbouring rungs of a ladder of precisions: 20, 50, 100, 200 ... 1600 digits. The
-/// lower run has each of its intermediate results moved at random by 1 to 1024 units in its last place, so that the two
-/// cannot agree by losing the same small addend: where they agree to d digits, d digits bear rounding at the lower
-/// precision, and are certified. The truth is read from the higher run. When fewer digits agree than were asked for,
-/// both climb a rung and the run is replayed from step 0 (the data opened anew), unseen by the caller.
+/// A second run, the witness, goes beside it at the next lower rung of a ladder of precisions (57, 76, 115, 192 ...
+/// 1540 digits) and in another form: P_{k|k} = P - W W' (2.1), gains by triangular solves. Each of its intermediate
+/// results is moved at random by 1 to 1024 units in its last place, so that the two cannot agree by losing the same
+/// small addend: where they agree to d digits, d digits bear rounding at the lower precision in either form, and are
+/// certified. The truth is read from the run of the higher precision. When fewer digits agree than were asked for, both
+/// climb, as many rungs as the loss seen so far asks for, and the run is replayed from step 0 (the data opened anew),
+/// unseen by the caller.
 ///
 /// Trajectories share nothing: each may run in a thread of its own, and gives the same bits there.
 class Trajectory {
  public:
   /// The problem must outlive the trajectory. data may be null: covariances and gains alone.
-  /// digits: to be certified, up to 750. first_digits: the precision to try first, raised to the next rung.
   /// Throws ReferenceError on shapes that do not agree, numbers that are not finite, Q, R or P0 that are not exactly
   /// symmetric, a singular A^{-1}, Q^{-1/2}, R^{-1/2} or T0.
-  Trajectory(const AnyProblem<double>& problem, std::shared_ptr<const Data> data, int digits = 30,
-             int first_digits = 50);
-  Trajectory(AnyProblem<double>&&, std::shared_ptr<const Data>, int = 30, int = 50) = delete;
+  Trajectory(const AnyProblem<double>& problem, std::shared_ptr<const Data> data, Request request = {});
+  Trajectory(AnyProblem<double>&&, std::shared_ptr<const Data>, Request = {}) = delete;
+  /// The same of a problem in exact numbers. What does not fit a double is no error here until truth() asks for it.
+  Trajectory(const ExactProblem& problem, std::shared_ptr<const ExactData> data, Request request = {});
+  Trajectory(ExactProblem&&, std::shared_ptr<const ExactData>, Request = {}) = delete;
   ~Trajectory();
   Trajectory(Trajectory&&) noexcept;
   Trajectory& operator=(Trajectory&&) noexcept;
 
   /// Computes step k = 0, 1, 2 ... Throws ReferenceError if Re is not positive definite, if a result does not fit a
-  /// double, if the data do not fit the model, or if the digits cannot be certified; then the trajectory is at its end.
+  /// double (of a problem in doubles), if the data do not fit the model, or if the digits cannot be certified; then the
+  /// trajectory is at its end.
   void advance();
 
   /// The step that truth() is of; -1 before the first.
   std::int64_t k() const;
+  /// Rounded when it is asked for. Throws ReferenceError where a result does not fit a double.
   const Truth& truth() const;
 
   /// All digits of a quantity of step k() as a sum of doubles, largest first: each term is what the terms before leave,
   /// rounded. Two terms have 32 digits. (Terms below 1e-308 lose digits, as doubles do.)
   std::vector<Matrix<double>> expansion(Quantity quantity, int terms) const;
 
+  /// The entries of a quantity of step k() as decimal numbers, a row of strings each row: as many digits as the two runs
+  /// share in that very entry, most_digits at most, each right, the last to a unit. "0" where it is 0 in both; "0e-72",
+  /// where they share no digit, says that it is below 10^-72. Empty where there are no data to have a state from.
+  std::vector<std::vector<std::string>> decimals(Quantity quantity, int most_digits) const;
+
   /// The least agreement of the two runs, in decimal digits, over all quantities and steps so far; no more than the
   /// lower precision has. P, P_{k|k}, Re and P^{-1} agree relative to their Frobenius norms. K, Kf, F and x too, unless
   /// both runs say that they are 0: all that is left is rounding of the terms that they are the difference of.
   int certified_digits() const;
+  /// The same, of one quantity of step k().
+  int certified_digits(Quantity quantity) const;
   /// Decimal digits of the run that the truth is read from.
   int working_digits() const;
 
   /// Of a filter that has just done step k() of the same problem.
   Errors measure(const Metadata& metadata, const Step<double>& step) const;
+  /// |p^_ij - p_ij| / sqrt(p_ii p_jj), n x n, of which Errors::entrywise is the largest; 0 in the rows and columns that it
+  /// leaves out. Empty for a filter that holds no P, or a P that is not finite.
+  Matrix<double> entry_errors(const Metadata& metadata, const Step<double>& step) const;
 
  private:
   struct Implementation;

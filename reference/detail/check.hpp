@@ -1,14 +1,14 @@
 #pragma once
 
-#include <kfstab/filters/problem.hpp>
+#include <kfstab/reference/detail/lockstep.hpp>
 
 namespace kfstab::reference::detail {
 
 /// Throws ReferenceError, saying which matrix of which model, unless the problem is one that the reference can read:
 /// shapes, finite numbers, exact symmetry, nonsingular triangles and A^{-1}.
-void check(const AnyProblem<double>& problem, bool with_data);
+void check(const Source& source, bool with_data);
 
 /// Throws ReferenceError, naming the step, unless y and u fit the model and are finite.
-void check(const StepData& data, const AnyProblem<double>& problem, std::int64_t k);
+void check(const SourceData& data, const Source& source, std::int64_t k);
 
 }  // namespace kfstab::reference::detail

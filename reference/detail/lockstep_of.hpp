@@ -1,8 +1,12 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <limits>
+#include <optional>
 
+#include <kfstab/reference/detail/agreement.hpp>
+#include <kfstab/reference/detail/decimal.hpp>
 #include <kfstab/reference/detail/lockstep.hpp>
 #include <kfstab/reference/detail/recursion.hpp>
 
@@ -12,30 +16,44 @@ template <unsigned Low, unsigned High>
 class LockstepOf final : public Lockstep {
   using L = Real<Low>;
   using H = Real<High>;
+  using Witness = Recursion<L, Form::conventional>;
+  using TruthRun = Recursion<H, Form::joseph>;
 
  public:
-  LockstepOf(const AnyProblem<double>& problem, bool with_data)
-      : low_(problem, with_data, true), high_(problem, with_data, false) {}
+  LockstepOf(const Source& source, bool with_data)
+      : low_(source, with_data), high_(source, with_data), information_(is_information(source)),
+        is_exact_(std::holds_alternative<const ExactProblem*>(source)) {}
 
-  bool advance(const StepData* data, int wanted) override {
+  bool advance(const SourceData& data, int wanted) override {
     const auto low_end = low_.advance(data);
     const auto high_end = high_.advance(data);
     if (!low_end.done || !high_end.done) return broken_down(low_end, high_end);
+    if (!is_exact_) high_.require_range();
 
     wanted_ = wanted;
+    agreed_.fill(static_cast<int>(Low));
     K_is_zero_ = Kf_is_zero_ = F_is_zero_ = x_filtered_is_zero_ = x_next_is_zero_ = false;
-    if (high_.k() == 0) agree("P_{0|-1}", low_.P_predicted, high_.P_predicted);
-    agree("Re", low_.Re, high_.Re);
-    agree("P_{k|k}", low_.P_filtered, high_.P_filtered);
-    agree("P_{k+1|k}", low_.P_next, high_.P_next);
-    agree_or_zero("Kf", low_.Kf, high_.Kf, high_.Kf_scale, Kf_is_zero_);
-    agree_or_zero("K", low_.K, high_.K, high_.K_scale, K_is_zero_);
-    agree_or_zero("F", low_.F, high_.F, high_.F_scale, F_is_zero_);
-    if (high_.information_problem()) agree("P_{k|k}^{-1}", low_.Y, high_.Y);
+    at(Quantity::P_predicted) = P_next_agreed_;
+    at(Quantity::x_predicted) = x_next_agreed_;
+    if (high_.k() == 0) agree(Quantity::P_predicted, "P_{0|-1}", low_.P_predicted, high_.P_predicted);
+    agree(Quantity::innovation, "Re", low_.Re, high_.Re);
+    agree(Quantity::P_filtered, "P_{k|k}", low_.P_filtered, high_.P_filtered);
+    agree(Quantity::P_next, "P_{k+1|k}", low_.P_next, high_.P_next);
+    agree_or_zero(at(Quantity::filter_gain), "Kf", low_.Kf, high_.Kf, high_.Kf_scale, Kf_is_zero_);
+    agree_or_zero(at(Quantity::predictor_gain), "K", low_.K, high_.K, high_.K_scale, K_is_zero_);
+    int other = static_cast<int>(Low);
+    agree_or_zero(other, "F", low_.F, high_.F, high_.F_scale, F_is_zero_);
+    if (information_) record("P_{k|k}^{-1}", agreement(high_.Y, low_.Y, true, static_cast<int>(Low)));
     if (high_.x_next.size() > 0) {
-      agree_or_zero("x_{k|k}", low_.x_filtered, high_.x_filtered, high_.x_filtered_scale, x_filtered_is_zero_);
-      agree_or_zero("x_{k+1|k}", low_.x_next, high_.x_next, high_.x_next_scale, x_next_is_zero_);
+      agree_or_zero(at(Quantity::x_filtered), "x_{k|k}", low_.x_filtered, high_.x_filtered, high_.x_filtered_scale,
+                    x_filtered_is_zero_);
+      agree_or_zero(at(Quantity::x_next), "x_{k+1|k}", low_.x_next, high_.x_next, high_.x_next_scale, x_next_is_zero_);
+      bool is_zero = false;
+      agree_or_zero(at(Quantity::log_likelihood), "the log-likelihood", low_.log_likelihood, high_.log_likelihood,
+                    high_.log_likelihood_scale, is_zero);
     }
+    P_next_agreed_ = at(Quantity::P_next);
+    x_next_agreed_ = at(Quantity::x_next);
     return certified_ >= wanted;
   }
 
@@ -51,7 +69,7 @@ class LockstepOf final : public Lockstep {
   }
 
   Errors measure(const Metadata& metadata, const Step<double>& step) const override {
-    constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+    constexpr double nan = std::numeric_limits<double>::quiet_NaN(), infinity = std::numeric_limits<double>::infinity();
     Errors errors{nan, nan, nan, nan, nan, nan, nan, false, 0};
     const bool filtered = metadata.instant == Instant::filtered;
     if (step.gain) {
@@ -63,105 +81,99 @@ class LockstepOf final : public Lockstep {
       errors.state = filtered ? relative_error(*step.state, high_.x_filtered, x_filtered_is_zero_)
                               : relative_error(*step.state, high_.x_next, x_next_is_zero_);
     if (!step.held) return errors;
-    const Matrix<double>& held = *step.held;
-    check_shape(held.rows(), held.cols(), high_.P_next, "what the filter holds");
-
-    const Matrix<H>& P = filtered ? high_.P_filtered : high_.P_next;
-    const Matrix<L>& P_low = filtered ? low_.P_filtered : low_.P_next;
+    const Matrix<double> held = read_part(metadata.holds, *step.held);
+    if (!all_finite(held)) return errors;
+    const auto X = covariance(metadata.holds, held);
+    if (X) {
+      measure_covariance(*X, filtered, errors);
+    } else {
+      errors.covariance = errors.entrywise = infinity;
+    }
+    errors.asymmetry = 0;
+    errors.positive_semidefinite = true;
     switch (metadata.holds) {
-      case Held::covariance: {
-        if (!all_finite(held)) return errors;
-        const Matrix<H> X = exact<H>(held);
-        measure_covariance(X, P, P_low, errors);
-        errors.asymmetry = ratio(H(frobenius_distance(X, transposed(X)) / 2), H(frobenius(P)));
+      case Held::covariance:
+        errors.asymmetry = ratio(H(frobenius_distance(*X, transposed(*X)) / 2), H(frobenius(truth_of(filtered))));
         errors.smallest_eigenvalue = smallest_eigenvalue(held);
         errors.positive_semidefinite = is_positive_semidefinite(held);
         break;
-      }
-      case Held::covariance_factor: {
-        const Matrix<double> S = held.triangularView<Eigen::Lower>();
-        if (!all_finite(S)) return errors;
-        const Matrix<H> exact_S = exact<H>(S);
-        measure_covariance(symmetric_product(exact_S, exact_S), P, P_low, errors);
-        errors.asymmetry = 0;
-        errors.smallest_eigenvalue = smallest_eigenvalue_of_product(S);
-        errors.positive_semidefinite = true;
-        break;
-      }
+      case Held::covariance_factor: errors.smallest_eigenvalue = smallest_eigenvalue_of_product(held); break;
       case Held::covariance_root: {
-        if (!all_finite(held)) return errors;
-        const Matrix<H> F = exact<H>(held);
-        const Matrix<H> X = symmetric_product(F, F);
-        measure_covariance(X, P, P_low, errors);
-        errors.asymmetry = 0;
-        Matrix<H> F_inverse;
-        const H norm = invert(F, F_inverse) ? two_norm(F_inverse) : H(0);
-        errors.smallest_eigenvalue = norm > 0 ? reference::round_to_double(H(1 / H(norm * norm))) : 0;
-        errors.positive_semidefinite = true;
+        Matrix<H> inverse;
+        errors.smallest_eigenvalue = invert(exact<H>(held), inverse) ? least_eigenvalue(inverse) : 0;
         break;
       }
-      case Held::ud_factors: {
-        const Matrix<double> UD = held.triangularView<Eigen::Upper>();
-        if (!all_finite(UD)) return errors;
-        measure_ud(UD, P, P_low, errors);
-        break;
-      }
+      case Held::ud_factors: measure_signs(held, *X, errors); break;
       case Held::information: {
-        if (!all_finite(held)) return errors;
-        const Matrix<H> X = exact<H>(held);
-        Matrix<H> covariance;
-        if (invert(X, covariance)) {
-          measure_covariance(covariance, P, P_low, errors);
-          errors.smallest_eigenvalue = smallest_eigenvalue(round_to_double(covariance));
-        } else {
-          errors.covariance = errors.entrywise = std::numeric_limits<double>::infinity();
-        }
-        if (high_.information_problem() && filtered)
-          errors.information = ratio(frobenius_distance(X, high_.Y), frobenius(high_.Y));
-        errors.asymmetry = ratio(H(frobenius_distance(X, transposed(X)) / 2), H(frobenius(X)));
+        const Matrix<H> Y = exact<H>(held);
+        if (X) errors.smallest_eigenvalue = smallest_eigenvalue(round_to_double(*X));
+        if (information_ && filtered) errors.information = ratio(frobenius_distance(Y, high_.Y), frobenius(high_.Y));
+        errors.asymmetry = ratio(H(frobenius_distance(Y, transposed(Y)) / 2), H(frobenius(Y)));
         errors.positive_semidefinite = is_positive_definite(held);
         break;
       }
-      case Held::gain: break;
       case Held::information_factor: {
-        const Matrix<double> T_transposed = held.transpose().triangularView<Eigen::Lower>();
-        if (!all_finite(T_transposed)) return errors;
-        const Matrix<H> exact_T = exact<H>(T_transposed);
-        if ((T_transposed.diagonal().array() == 0).any()) {
-          errors.covariance = errors.entrywise = std::numeric_limits<double>::infinity();
-        } else {
-          measure_covariance(covariance_of_information_root(exact_T), P, P_low, errors);
-        }
-        if (high_.information_problem() && filtered)
+        const Matrix<H> T_transposed = exact<H>(held);
+        if (information_ && filtered)
           errors.information =
-              ratio(frobenius_distance(symmetric_product(exact_T, exact_T), high_.Y), frobenius(high_.Y));
-        errors.asymmetry = 0;
-        const H norm = two_norm(exact_T);
-        errors.smallest_eigenvalue = reference::round_to_double(H(1 / H(norm * norm)));
-        errors.positive_semidefinite = true;
+              ratio(frobenius_distance(symmetric_product(T_transposed, T_transposed), high_.Y), frobenius(high_.Y));
+        errors.smallest_eigenvalue = least_eigenvalue(T_transposed);
         break;
       }
+      case Held::gain: break;
     }
     return errors;
   }
 
+  Matrix<double> entry_errors(const Metadata& metadata, const Step<double>& step) const override {
+    if (!step.held) return {};
+    const Matrix<double> held = read_part(metadata.holds, *step.held);
+    if (!all_finite(held)) return {};
+    const auto X = covariance(metadata.holds, held);
+    if (!X) return {};
+    const bool filtered = metadata.instant == Instant::filtered;
+    const Matrix<H>& P = truth_of(filtered);
+    const Vector<H> deviation = deviations(filtered);
+    Matrix<double> errors = Matrix<double>::Zero(P.rows(), P.cols());
+    for (Index j = 0; j < P.cols(); ++j)
+      for (Index i = 0; i < P.rows(); ++i)
+        if (deviation(i) != 0 && deviation(j) != 0)
+          errors(i, j) = ratio(abs(H((*X)(i, j) - P(i, j))), H(deviation(i) * deviation(j)));
+    return errors;
+  }
+
   std::vector<Matrix<double>> expansion(Quantity quantity, int terms) const override {
-    Matrix<H> left = high_.quantity(quantity);
-    std::vector<Matrix<double>> sum;
-    for (int term = 0; term < terms; ++term) {
-      sum.push_back(round_to_double(left));
-      for (Index j = 0; j < left.cols(); ++j)
-        for (Index i = 0; i < left.rows(); ++i) left(i, j) -= sum.back()(i, j);
-    }
-    return sum;
+    return with_matrix(high_, quantity, [&](const auto& X) {
+      Matrix<H> left = X;
+      std::vector<Matrix<double>> sum;
+      for (int term = 0; term < terms; ++term) {
+        sum.push_back(round_to_double(left));
+        for (Index j = 0; j < left.cols(); ++j)
+          for (Index i = 0; i < left.rows(); ++i) left(i, j) -= sum.back()(i, j);
+      }
+      return sum;
+    });
+  }
+
+  std::vector<std::vector<std::string>> decimals(Quantity quantity, int most_digits) const override {
+    return with_matrix(high_, quantity, [&](const auto& X) {
+      return with_matrix(low_, quantity, [&](const auto& Y) {
+        std::vector<std::vector<std::string>> text(static_cast<std::size_t>(X.rows()));
+        for (Index i = 0; i < X.rows(); ++i)
+          for (Index j = 0; j < X.cols(); ++j)
+            text[static_cast<std::size_t>(i)].push_back(decimal(X(i, j), Y(i, j), most_digits, static_cast<int>(Low)));
+        return text;
+      });
+    });
   }
 
   int certified_digits() const override { return certified_; }
+  int certified_digits(Quantity quantity) const override { return agreed_[static_cast<std::size_t>(quantity)]; }
   int lower_digits() const override { return static_cast<int>(Low); }
   int higher_digits() const override { return static_cast<int>(High); }
 
  private:
-  bool broken_down(const typename Recursion<L>::End& low_end, const typename Recursion<H>::End& high_end) {
+  bool broken_down(const typename Witness::End& low_end, const typename TruthRun::End& high_end) {
     const std::string step = "step " + std::to_string(high_.k()) + ": ";
     if (!low_end.done && !high_end.done && !low_end.no_information && !high_end.no_information) {
       // Both see the same pivot, to three digits: it is there, not made by rounding.
@@ -177,15 +189,16 @@ class LockstepOf final : public Lockstep {
     return false;
   }
 
-  template <int Cols>
-  void agree(const char* name, const Matrix<L, Dynamic, Cols>& low, const Matrix<H, Dynamic, Cols>& high) {
-    record(name, agreement(low, high));
+  int& at(Quantity quantity) { return agreed_[static_cast<std::size_t>(quantity)]; }
+
+  void agree(Quantity quantity, const char* name, const Matrix<L>& low, const Matrix<H>& high) {
+    record(name, at(quantity) = agreement(high, low, true, static_cast<int>(Low)));
   }
 
   template <int Cols>
-  void agree_or_zero(const char* name, const Matrix<L, Dynamic, Cols>& low, const Matrix<H, Dynamic, Cols>& high,
-                     double scale, bool& is_zero) {
-    const int digits = agreement(low, high);
+  void agree_or_zero(int& digits, const char* name, const Matrix<L, Dynamic, Cols>& low,
+                     const Matrix<H, Dynamic, Cols>& high, double scale, bool& is_zero) {
+    digits = agreement(high, low, false, static_cast<int>(Low));
     if (digits < wanted_) {
       // Rounding of its terms in both precisions, at the level of each: it is zero.
       const double bits_of_a_digit = std::log2(10.0);
@@ -194,15 +207,6 @@ class LockstepOf final : public Lockstep {
       if (is_zero) return;
     }
     record(name, digits);
-  }
-
-  template <int Cols>
-  static int agreement(const Matrix<L, Dynamic, Cols>& low, const Matrix<H, Dynamic, Cols>& high) {
-    const H distance = frobenius_distance(high, low);
-    if (distance == 0) return static_cast<int>(Low);
-    const H norm = frobenius(high);
-    if (!(norm > 0) || !is_finite(distance)) return 0;
-    return std::clamp(digits_of(H(distance / norm)), 0, static_cast<int>(Low));
   }
 
   void record(const char* name, int digits) {
@@ -236,58 +240,128 @@ class LockstepOf final : public Lockstep {
     return ratio(frobenius_distance(X, truth), frobenius(truth));
   }
 
-  /// The signs of D are those of P = U D U', by Sylvester's law.
-  void measure_ud(const Matrix<double>& UD, const Matrix<H>& P, const Matrix<L>& P_low, Errors& errors) const {
-    const Index n = UD.rows();
-    Matrix<H> U = exact<H>(UD), U_D = U;
-    bool definite = true;
-    errors.positive_semidefinite = true;
-    for (Index j = 0; j < n; ++j) {
-      const double d = UD(j, j);
-      U(j, j) = 1;
-      for (Index i = 0; i <= j; ++i) U_D(i, j) = U(i, j) * d;
-      definite = definite && d > 0;
-      errors.positive_semidefinite = errors.positive_semidefinite && d >= 0;
+  const Matrix<H>& truth_of(bool filtered) const { return filtered ? high_.P_filtered : high_.P_next; }
+
+  /// Of what is held, the triangle that counts and zeros: lower S and T', upper U D.
+  Matrix<double> read_part(Held holds, const Matrix<double>& held) const {
+    check_shape(held.rows(), held.cols(), high_.P_next, "what the filter holds");
+    switch (holds) {
+      case Held::covariance_factor: return held.triangularView<Eigen::Lower>();
+      case Held::information_factor: return held.transpose().triangularView<Eigen::Lower>();
+      case Held::ud_factors: return held.triangularView<Eigen::Upper>();
+      case Held::covariance:
+      case Held::covariance_root:
+      case Held::information:
+      case Held::gain: break;
     }
-    const Matrix<H> X = symmetric_product(U_D, U);
-    measure_covariance(X, P, P_low, errors);
-    errors.asymmetry = 0;
-    if (definite) {
+    return held;
+  }
+
+  /// The P that is meant, formed in H from the exact numbers; nothing where it is infinite.
+  std::optional<Matrix<H>> covariance(Held holds, const Matrix<double>& held) const {
+    Matrix<H> X = exact<H>(held);
+    switch (holds) {
+      case Held::covariance: return X;
+      case Held::covariance_factor:
+      case Held::covariance_root: return symmetric_product(X, X);
+      case Held::ud_factors: {
+        Matrix<H> X_D = X;
+        for (Index j = 0; j < X.cols(); ++j) {
+          X(j, j) = 1;
+          for (Index i = 0; i < j; ++i) X_D(i, j) = X(i, j) * held(j, j);
+        }
+        return symmetric_product(X_D, X);
+      }
+      case Held::information_factor:
+        if ((held.diagonal().array() == 0).any()) return {};
+        return covariance_of_information_root(X);
+      case Held::information: {
+        Matrix<H> inverse;
+        if (!invert(X, inverse)) return {};
+        return inverse;
+      }
+      case Held::gain: break;
+    }
+    return {};
+  }
+
+  /// 1 / ||X||_2^2: of X X' inverted, or X'X.
+  static double least_eigenvalue(const Matrix<H>& X) {
+    if (X.size() == 0) return std::numeric_limits<double>::infinity();
+    const H norm = two_norm(X);
+    return reference::round_to_double(H(1 / H(norm * norm)));
+  }
+
+  /// The signs of D are those of P = U D U', by Sylvester's law.
+  static void measure_signs(const Matrix<double>& UD, const Matrix<H>& X, Errors& errors) {
+    const Index n = UD.rows();
+    errors.positive_semidefinite = (UD.diagonal().array() >= 0).all();
+    if ((UD.diagonal().array() > 0).all()) {
       // P = (U D^{1/2}) (U D^{1/2})', and the inverse of that root is as robust as any triangle's.
       Matrix<H> root_transposed = zeros<H>(n, n);
-      for (Index j = 0; j < n; ++j)
-        for (Index i = 0; i <= j; ++i) root_transposed(j, i) = U(i, j) * sqrt(H(UD(j, j)));
-      const H norm = two_norm(lower_inverse(root_transposed));
-      errors.smallest_eigenvalue = n == 0 ? std::numeric_limits<double>::infinity()
-                                          : reference::round_to_double(H(1 / H(norm * norm)));
+      for (Index j = 0; j < n; ++j) {
+        const H d = sqrt(H(UD(j, j)));
+        for (Index i = 0; i < j; ++i) root_transposed(j, i) = d * UD(i, j);
+        root_transposed(j, j) = d;
+      }
+      errors.smallest_eigenvalue = least_eigenvalue(lower_inverse(root_transposed));
     } else {
       errors.smallest_eigenvalue = errors.positive_semidefinite ? 0 : std::min(0.0, smallest_eigenvalue(round_to_double(X)));
     }
   }
 
-  void measure_covariance(const Matrix<H>& X, const Matrix<H>& P, const Matrix<L>& P_low, Errors& errors) const {
-    errors.covariance = ratio(frobenius_distance(X, P), frobenius(P));
-    const double most = 53 * std::log10(2.0);
-    errors.correct_digits = errors.covariance > 0 ? std::clamp(-std::log10(errors.covariance), 0.0, most) : most;
-
-    // A variance that the two runs do not share to these digits is rounding of something larger: as good as zero.
+  /// p_ii^{1/2} of the truth. A variance that the two runs do not share to some digits is rounding of something larger:
+  /// as good as zero.
+  Vector<H> deviations(bool filtered) const {
+    const Matrix<H>& P = truth_of(filtered);
+    const Matrix<L>& P_low = filtered ? low_.P_filtered : low_.P_next;
     const H tolerance = power_of_ten<H>(-std::min(20, wanted_));
-    const Index n = P.rows();
-    Vector<H> deviation(n);
-    for (Index i = 0; i < n; ++i) {
+    Vector<H> deviation(P.rows());
+    for (Index i = 0; i < P.rows(); ++i) {
       const bool certain = P(i, i) > 0 && abs(H(H(P_low(i, i)) - P(i, i))) <= H(tolerance * P(i, i));
       deviation(i) = certain ? H(sqrt(P(i, i))) : H(0);
     }
+    return deviation;
+  }
+
+  void measure_covariance(const Matrix<H>& X, bool filtered, Errors& errors) const {
+    const Matrix<H>& P = truth_of(filtered);
+    errors.covariance = ratio(frobenius_distance(X, P), frobenius(P));
+    const double most = 53 * std::log10(2.0);
+    errors.correct_digits = errors.covariance > 0 ? std::clamp(-std::log10(errors.covariance), 0.0, most) : most;
+    const Vector<H> deviation = deviations(filtered);
     errors.entrywise = 0;
-    for (Index j = 0; j < n; ++j)
-      for (Index i = 0; i < n; ++i)
+    for (Index j = 0; j < P.cols(); ++j)
+      for (Index i = 0; i < P.rows(); ++i)
         if (deviation(i) != 0 && deviation(j) != 0)
           errors.entrywise =
               std::max(errors.entrywise, ratio(abs(H(X(i, j) - P(i, j))), H(deviation(i) * deviation(j))));
   }
 
-  Recursion<L> low_;
-  Recursion<H> high_;
+  /// f(X) of a run's quantity, a matrix or a vector.
+  template <class Run, class F>
+  static auto with_matrix(const Run& run, Quantity which, F&& f) {
+    switch (which) {
+      case Quantity::P_predicted: return f(run.P_predicted);
+      case Quantity::P_filtered: return f(run.P_filtered);
+      case Quantity::P_next: return f(run.P_next);
+      case Quantity::innovation: return f(run.Re);
+      case Quantity::predictor_gain: return f(run.K);
+      case Quantity::filter_gain: return f(run.Kf);
+      case Quantity::x_predicted: return f(run.x_predicted);
+      case Quantity::x_filtered: return f(run.x_filtered);
+      case Quantity::x_next: return f(run.x_next);
+      case Quantity::log_likelihood: break;
+    }
+    return f(run.log_likelihood);
+  }
+
+  Witness low_;
+  TruthRun high_;
+  bool information_, is_exact_;
+  /// Of this step, by Quantity.
+  std::array<int, quantities> agreed_{};
+  int P_next_agreed_ = static_cast<int>(Low), x_next_agreed_ = static_cast<int>(Low);
   int wanted_ = 0;
   int certified_ = static_cast<int>(Low);
   std::string why_;

@@ -4,10 +4,30 @@
 
 #include <kfstab/filters/problem.hpp>
 #include <kfstab/reference/detail/dense.hpp>
+#include <kfstab/reference/detail/lockstep.hpp>
 #include <kfstab/reference/error.hpp>
+#include <kfstab/reference/rational.hpp>
 
-/// What the recursion takes, computed from the very doubles of a Problem.
+/// What the recursion takes, computed from the very numbers of a problem.
 namespace kfstab::reference::detail {
+
+template <class T, int Rows, int Cols>
+Matrix<T, Rows, Cols> nearest(const Matrix<Rational, Rows, Cols>& X) {
+  Matrix<T, Rows, Cols> Y(X.rows(), X.cols());
+  for (Index j = 0; j < X.cols(); ++j)
+    for (Index i = 0; i < X.rows(); ++i) Y(i, j) = reference::nearest<T>(X(i, j));
+  return Y;
+}
+
+/// Doubles fit exactly, rationals are rounded to T.
+template <class T, int Rows, int Cols>
+Matrix<T, Rows, Cols> read(const Matrix<double, Rows, Cols>& X) {
+  return exact<T>(X);
+}
+template <class T, int Rows, int Cols>
+Matrix<T, Rows, Cols> read(const Matrix<Rational, Rows, Cols>& X) {
+  return nearest<T>(X);
+}
 
 /// One step's model.
 template <class T>
@@ -52,14 +72,14 @@ void set_R_is_zero(Numbers<T>& to) {
       if (to.R(i, j) != 0) to.R_is_zero = false;
 }
 
-template <class T>
-Numbers<T> read(const CovarianceModel<double>& model) {
+template <class T, class S>
+Numbers<T> read(const CovarianceModel<S>& model) {
   Numbers<T> to;
-  to.A = exact<T>(model.A);
-  to.C = exact<T>(model.C);
-  to.D = exact<T>(model.D);
-  to.BQB = congruence(exact<T>(model.B), exact<T>(model.Q));
-  to.R = exact<T>(model.R);
+  to.A = read<T>(model.A);
+  to.C = read<T>(model.C);
+  to.D = read<T>(model.D);
+  to.BQB = congruence(read<T>(model.B), read<T>(model.Q));
+  to.R = read<T>(model.R);
   set_R_is_zero(to);
   return to;
 }
@@ -112,26 +132,29 @@ Numbers<T> read(const InformationModel<double>& model) {
 }
 
 template <class T>
+Numbers<T> read(const Source& source, std::int64_t k) {
+  return visit_source(source, [&](const auto& p) { return read<T>(p.model(k)); });
+}
+template <class T>
 Numbers<T> read(const AnyProblem<double>& problem, std::int64_t k) {
-  return std::visit([&](const auto& p) { return read<T>(p.model(k)); }, problem);
+  return read<T>(Source(&problem), k);
 }
 
 /// P_{0|-1}
 template <class T>
-Matrix<T> read_initial(const AnyProblem<double>& problem) {
-  return std::visit(
-      [](const auto& p) -> Matrix<T> {
+Matrix<T> read_initial(const Source& source) {
+  return visit_source(
+      source, [](const auto& p) -> Matrix<T> {
         using Model = typename std::decay_t<decltype(p)>::Model;
         if constexpr (Model::parametrisation == Parametrisation::covariance) {
-          return exact<T>(p.initial);
+          return read<T>(p.initial);
         } else if constexpr (Model::parametrisation == Parametrisation::root) {
           const Matrix<T> S = exact_lower<T>(p.initial);
           return symmetric_product(S, S);
         } else {
           return covariance_of_information_root(exact_upper_transposed<T>(p.initial));
         }
-      },
-      problem);
+      });
 }
 
 }  // namespace kfstab::reference::detail

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <limits>
 #include <memory>
+
 #include <string>
 
 #include <kfstab/reference/detail/numbers.hpp>
@@ -11,8 +12,18 @@
 
 namespace kfstab::reference::detail {
 
-/// The recursion of Trajectory's comment in one precision.
-template <class T>
+/// How a recursion is written, and what for.
+enum class Form {
+  /// The truth: P_{k|k} by Joseph's form (2.2), gains by Re^{-1}.
+  joseph,
+  /// The witness: P_{k|k} by the conventional form (2.1), gains by triangular solves, x_{k+1|k} by the predictor gain.
+  /// Each intermediate result is moved by 1 to 1024 units in its last place, at random but always the same. That many,
+  /// so that sums and differences of moved numbers do not cancel the moves: three digits, for a chance of 1e-3.
+  conventional,
+};
+
+/// The recursion of Trajectory's comment in one precision and one form.
+template <class T, Form form>
 class Recursion {
  public:
   /// What came of a step.
@@ -25,76 +36,98 @@ class Recursion {
     bool no_information = false;
   };
 
-  /// perturbed: each intermediate result is moved by 1 to 1024 units in its last place, at random but always the same.
-  /// That many, so that sums and differences of moved numbers do not cancel the moves: three digits, for a chance of
-  /// 1e-3.
-  Recursion(const AnyProblem<double>& problem, bool with_data, bool perturbed)
-      : problem_(&problem), with_data_(with_data), perturbed_(perturbed) {
-    P_next = read_initial<T>(problem);
+  Recursion(const Source& source, bool with_data) : source_(source), with_data_(with_data) {
+    P_next = read_initial<T>(source);
     perturb_symmetric(P_next);
-    if (with_data) {
-      x_next = std::visit([](const auto& p) { return exact<T>(p.x0); }, problem);
-    }
+    if (with_data) x_next = visit_source(source, [](const auto& p) { return read<T>(p.x0); });
   }
 
-  End advance(const StepData* data) {
+  End advance(const SourceData& data) {
     ++k_;
     load();
     const Numbers<T>& m = *numbers_;
     const Index n = m.A.rows(), p = m.C.rows();
-    P_predicted = P_next;
-    x_predicted = x_next;
+    P_predicted.swap(P_next);
+    x_predicted.swap(x_next);
 
     const Matrix<T> PC = product_transposed(P_predicted, m.C);
     Re = m.R;
     add_symmetric_product(Re, m.C, transposed(PC));
     perturb_symmetric(Re);
-    Matrix<T> L;
-    if (const auto end = cholesky(Re, L); !end.done) return {false, end.column, end.pivot, false};
-    Re_inverse = inverse_from_root_inverse(lower_inverse(L));
-    Kf = product(PC, Re_inverse);
-    perturb(Kf);
-    K = product(m.A, Kf);
+    if (const auto end = cholesky(Re, L_); !end.done) return {false, end.column, end.pivot, false};
 
-    Matrix<T> J = identity<T>(n);
-    subtract(J, product(Kf, m.C));
-    if (m.R_is_zero && p == n && n > 0) {
-      // Re = C P C' is positive definite, so C is invertible and P C' Re^{-1} C P = P: nothing is left. Rounding would
-      // never say so.
-      P_filtered = zeros<T>(n, n);
+    // Re = C P C' is positive definite, so C is invertible and P C' Re^{-1} C P = P: nothing is left. Rounding would
+    // never say so.
+    const bool nothing_left = m.R_is_zero && p == n && n > 0;
+    if (nothing_left) P_filtered = zeros<T>(n, n);
+    if constexpr (form == Form::joseph) {
+      L_inverse_ = lower_inverse(L_);
+      Re_inverse = inverse_from_root_inverse(L_inverse_);
+      Kf = product(PC, Re_inverse);
+      J_ = identity<T>(n);
+      subtract(J_, product(Kf, m.C));
+      if (!nothing_left) {
+        P_filtered = congruence(J_, P_predicted);
+        add_symmetric_product(P_filtered, product(Kf, m.R), Kf);
+      }
     } else {
-      P_filtered = congruence(J, P_predicted);
-      add_symmetric_product(P_filtered, product(Kf, m.R), Kf);
-      perturb_symmetric(P_filtered);
+      W_ = PC;
+      solve_right_transposed(L_, W_);
+      perturb(W_);
+      Kf = W_;
+      solve_right(L_, Kf);
+      perturb(Kf);
+      if (!nothing_left) {
+        P_filtered = P_predicted;
+        subtract(P_filtered, symmetric_product(W_, W_));
+        perturb_symmetric(P_filtered);
+      }
     }
+    K = product(m.A, Kf);
     P_next = congruence(m.A, P_filtered);
     for (Index j = 0; j < n; ++j)
       for (Index i = 0; i < n; ++i) P_next(i, j) += m.BQB(i, j);
     perturb_symmetric(P_next);
     F = m.A;
     subtract(F, product(K, m.C));
-    if (previous_) {
-      Ff = previous_->A;
-      subtract(Ff, product(Kf, product(m.C, previous_->A)));
-    } else {
-      Ff = J;
-    }
 
-    Kf_scale = magnitude(P_predicted) + magnitude(m.C) + magnitude(Re_inverse);
-    K_scale = magnitude(m.A) + Kf_scale;
+    const double Kf_terms = magnitude(P_predicted) + magnitude(m.C) + inverse_magnitude(p);
+    Kf_scale = Kf_terms;
+    K_scale = magnitude(m.A) + Kf_terms;
     F_scale = std::max(magnitude(m.A), K_scale + magnitude(m.C)) + 1;
 
-    if (with_data_) advance_state(m, *data);
-    if (information_problem()) {
-      Y_previous = Y;
-      if (!cholesky(P_filtered, L).done) return {false, 0, 0, true};
-      Y = inverse_from_root_inverse(lower_inverse(L));
+    if (with_data_) std::visit([&](const auto* step) { advance_state(m, read<T>(step->y), read<T>(step->u)); }, data);
+    if (is_information(source_)) {
+      Y_previous_ = Y;
+      Matrix<T> root;
+      if (!cholesky(P_filtered, root).done) return {false, 0, 0, true};
+      Y = inverse_from_root_inverse(lower_inverse(root));
     }
     return {};
   }
 
+  /// Throws ReferenceError, naming it, if a result is beyond the range of double.
+  void require_range() const {
+    in_range(P_filtered, "P_{k|k}");
+    in_range(P_next, "P_{k+1|k}");
+    in_range(Y, "P_{k|k}^{-1}");
+    in_range(Re, "Re");
+    in_range(K, "K");
+    in_range(Kf, "Kf");
+    in_range(F, "F");
+    in_range(x_filtered, "x_{k|k}");
+    in_range(x_next, "x_{k+1|k}");
+  }
+
   /// What only the run that is read needs. Throws ReferenceError if a result does not fit a double.
-  void round_into(Truth& truth) const {
+  void round_into(Truth& truth) const
+    requires(form == Form::joseph)
+  {
+    Matrix<T> Ff = J_;
+    if (previous_) {
+      Ff = previous_->A;
+      subtract(Ff, product(Kf, product(numbers_->C, previous_->A)));
+    }
     truth.P_predicted = rounded(P_predicted, "P_{k|k-1}");
     truth.P_filtered = rounded(P_filtered, "P_{k|k}");
     truth.P_next = rounded(P_next, "P_{k+1|k}");
@@ -107,44 +140,43 @@ class Recursion {
     truth.x_predicted = rounded(x_predicted, "x_{k|k-1}");
     truth.x_filtered = rounded(x_filtered, "x_{k|k}");
     truth.x_next = rounded(x_next, "x_{k+1|k}");
+    truth.log_likelihood = with_data_ ? reference::round_to_double(log_likelihood(0, 0))
+                                      : std::numeric_limits<double>::quiet_NaN();
     truth.innovation_condition = Re.rows() == 1 ? 1 : condition(Re, Re_inverse);
     truth.cosine = cosine();
     truth.information_amplification =
-        information_problem() ? information_amplification() : std::numeric_limits<double>::quiet_NaN();
+        is_information(source_) ? information_amplification() : std::numeric_limits<double>::quiet_NaN();
   }
 
-  const Matrix<T>& quantity(Quantity which) const {
-    switch (which) {
-      case Quantity::P_predicted: return P_predicted;
-      case Quantity::P_filtered: return P_filtered;
-      case Quantity::innovation: return Re;
-      case Quantity::predictor_gain: return K;
-      case Quantity::filter_gain: return Kf;
-      case Quantity::P_next: break;
-    }
-    return P_next;
-  }
-
-  bool information_problem() const { return parametrisation(*problem_) == Parametrisation::information; }
   std::int64_t k() const { return k_; }
 
-  Matrix<T> P_predicted, P_filtered, P_next, Y, Y_previous, Re, Re_inverse, K, Kf, F, Ff;
+  Matrix<T> P_predicted, P_filtered, P_next, Y, Re, Re_inverse, K, Kf, F;
   Vector<T> x_predicted, x_filtered, x_next;
+  Matrix<T> log_likelihood;  ///< 1 x 1; empty in a run without data
   /// Of what magnitude the terms are whose sum each is (binary exponents): a sum far below is rounding, and stands
   /// for 0.
-  double K_scale = 0, Kf_scale = 0, F_scale = 0, x_filtered_scale = 0, x_next_scale = 0;
+  double K_scale = 0, Kf_scale = 0, F_scale = 0, x_filtered_scale = 0, x_next_scale = 0, log_likelihood_scale = 0;
 
  private:
   void load() {
     previous_ = numbers_;
-    const bool invariant = std::visit([](const auto& p) { return p.time_invariant(); }, *problem_);
-    if (!numbers_ || !invariant) numbers_ = std::make_shared<const Numbers<T>>(read<T>(*problem_, k_));
+    const bool invariant = visit_source(source_, [](const auto& p) { return p.time_invariant(); });
+    if (!numbers_ || !invariant) numbers_ = std::make_shared<const Numbers<T>>(read<T>(source_, k_));
   }
 
-  void advance_state(const Numbers<T>& m, const StepData& data) {
+  /// Of Re^{-1}.
+  double inverse_magnitude(Index p) const {
+    if constexpr (form == Form::joseph) return magnitude(Re_inverse);
+    // Of L^{-1} L^{-T}: an exponent or two more than it is do no harm.
+    double least = std::numeric_limits<double>::infinity();
+    for (Index i = 0; i < p; ++i)
+      least = std::min(least, static_cast<double>(mpfr_get_exp(L_(i, i).backend().data())));
+    return p == 0 ? -std::numeric_limits<double>::infinity() : -2 * least + 2;
+  }
+
+  void advance_state(const Numbers<T>& m, const Vector<T>& y, const Vector<T>& u) {
     const Index n = m.A.rows();
     T scratch;
-    const Vector<T> y = exact<T>(data.y), u = exact<T>(data.u);
     Vector<T> innovation = product(m.C, x_predicted);
     for (Index i = 0; i < y.size(); ++i) innovation(i) = y(i) - innovation(i);
     perturb(innovation);
@@ -154,7 +186,13 @@ class Recursion {
     x_filtered_scale = std::max(magnitude(x_predicted),
                                 magnitude(Kf) + std::max(magnitude(y), magnitude(m.C) + magnitude(x_predicted))) +
                        2;
-    x_next = product(m.A, x_filtered);
+    if constexpr (form == Form::joseph) {
+      x_next = product(m.A, x_filtered);
+    } else {
+      x_next = product(m.A, x_predicted);
+      const Vector<T> correction = product(K, innovation);
+      for (Index i = 0; i < n; ++i) x_next(i) += correction(i);
+    }
     x_next_scale = magnitude(m.A) + x_filtered_scale;
     for (Index i = 0; i < n; ++i) {
       for (Index j = 0; j < u.size(); ++j) add_product(x_next(i), m.D(i, j), u(j), scratch);
@@ -162,6 +200,38 @@ class Recursion {
     }
     x_next_scale = std::max({x_next_scale, magnitude(m.D) + magnitude(u), magnitude(m.Bw)}) + 2;
     perturb(x_next);
+    advance_likelihood(innovation);
+  }
+
+  /// -1/2 (p log 2 pi + log det Re + e' Re^{-1} e)
+  void advance_likelihood(const Vector<T>& innovation) {
+    const Index p = Re.rows();
+    T determinant = 1, square = 0, scratch;
+    if constexpr (form == Form::joseph) {
+      for (Index i = 0; i < p; ++i) determinant *= L_(i, i) * L_(i, i);
+      const Vector<T> weighted = product(Re_inverse, innovation);
+      for (Index i = 0; i < p; ++i) add_product(square, innovation(i), weighted(i), scratch);
+    } else {
+      for (Index i = 0; i < p; ++i) determinant *= L_(i, i);
+      determinant *= determinant;
+      Vector<T> whitened = innovation;
+      for (Index i = 0; i < p; ++i) {
+        for (Index j = 0; j < i; ++j) subtract_product(whitened(i), L_(i, j), whitened(j), scratch);
+        whitened(i) /= L_(i, i);
+        add_product(square, whitened(i), whitened(i), scratch);
+      }
+    }
+    T pi;
+    mpfr_const_pi(pi.backend().data(), MPFR_RNDN);
+    const T log_determinant = log(determinant), constant = p * log(T(2 * pi));
+    log_likelihood.resize(1, 1);
+    log_likelihood(0, 0) = -(constant + log_determinant + square) / 2;
+    perturb(log_likelihood);
+    Matrix<T> terms(3, 1);
+    terms(0, 0) = constant;
+    terms(1, 0) = log_determinant;
+    terms(2, 0) = square;
+    log_likelihood_scale = magnitude(terms);
   }
 
   double cosine() const {
@@ -178,15 +248,15 @@ class Recursion {
     Matrix<T> annexed = m.CRC;
     if (previous_) {
       // Q and A carried x_{k-1} to x_k
-      const Matrix<T> AY = product(transposed(previous_->A_inverse), Y_previous);
+      const Matrix<T> AY = product(transposed(previous_->A_inverse), Y_previous_);
       add_symmetric_product(annexed, AY, transposed(previous_->A_inverse));
       Matrix<T> Qe_inverse = previous_->Q_inverse;
       const Matrix<T> BT = transposed(previous_->A_inverse_B);
-      add_symmetric_product(Qe_inverse, product(BT, Y_previous), BT);
-      Matrix<T> L;
+      add_symmetric_product(Qe_inverse, product(BT, Y_previous_), BT);
+      Matrix<T> root;
       double ratio = 1;
-      if (Qe_inverse.rows() > 1 && cholesky(Qe_inverse, L).done)
-        ratio = std::sqrt(condition(Qe_inverse, inverse_from_root_inverse(lower_inverse(L))));
+      if (Qe_inverse.rows() > 1 && cholesky(Qe_inverse, root).done)
+        ratio = std::sqrt(condition(Qe_inverse, inverse_from_root_inverse(lower_inverse(root))));
       bracket = previous_->k_A + m.k_R_root;
       if (Qe_inverse.rows() > 0) bracket += ratio * (previous_->k_Q_root + previous_->k_A);
     } else {
@@ -201,22 +271,53 @@ class Recursion {
   }
 
   Matrix<T> information_of_start() const {
-    const auto& p = std::get<Problem<InformationModel<double>>>(*problem_);
-    const Matrix<T> T0 = exact_upper_transposed<T>(p.initial);
+    const auto& any = *std::get<const AnyProblem<double>*>(source_);
+    const Matrix<T> T0 = exact_upper_transposed<T>(std::get<Problem<InformationModel<double>>>(any).initial);
     return symmetric_product(T0, T0);
+  }
+
+  [[noreturn]] void overflow(const char* name) const {
+    throw ReferenceError("step " + std::to_string(k_) + ": " + name + " does not fit a double (overflow)");
+  }
+
+  template <int Cols>
+  void in_range(const Matrix<T, Dynamic, Cols>& X, const char* name) const {
+    for (Index j = 0; j < X.cols(); ++j)
+      for (Index i = 0; i < X.rows(); ++i)
+        if (!mpfr_number_p(X(i, j).backend().data()) ||
+            (X(i, j) != 0 && mpfr_get_exp(X(i, j).backend().data()) > std::numeric_limits<double>::max_exponent))
+          overflow(name);
   }
 
   template <int Cols>
   Matrix<double, Dynamic, Cols> rounded(const Matrix<T, Dynamic, Cols>& X, const char* name) const {
-    Matrix<double, Dynamic, Cols> Y_rounded = round_to_double(X);
-    if (!all_finite(Y_rounded))
-      throw ReferenceError("step " + std::to_string(k_) + ": " + name + " does not fit a double (overflow)");
-    return Y_rounded;
+    Matrix<double, Dynamic, Cols> X_rounded = round_to_double(X);
+    if (!all_finite(X_rounded)) overflow(name);
+    return X_rounded;
   }
 
   static void subtract(Matrix<T>& X, const Matrix<T>& Y) {
     for (Index j = 0; j < X.cols(); ++j)
       for (Index i = 0; i < X.rows(); ++i) X(i, j) -= Y(i, j);
+  }
+
+  /// X := X L^{-T}, L lower.
+  static void solve_right_transposed(const Matrix<T>& L, Matrix<T>& X) {
+    T scratch;
+    for (Index j = 0; j < L.cols(); ++j)
+      for (Index r = 0; r < X.rows(); ++r) {
+        for (Index i = 0; i < j; ++i) subtract_product(X(r, j), X(r, i), L(j, i), scratch);
+        X(r, j) /= L(j, j);
+      }
+  }
+  /// X := X L^{-1}, L lower.
+  static void solve_right(const Matrix<T>& L, Matrix<T>& X) {
+    T scratch;
+    for (Index j = L.cols() - 1; j >= 0; --j)
+      for (Index r = 0; r < X.rows(); ++r) {
+        for (Index i = j + 1; i < L.cols(); ++i) subtract_product(X(r, j), X(r, i), L(i, j), scratch);
+        X(r, j) /= L(j, j);
+      }
   }
 
   void perturb_number(T& x) {
@@ -226,18 +327,20 @@ class Recursion {
     z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9u;
     z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
     z ^= z >> 31;
-    const int units = 1 + static_cast<int>(z >> 1 & 1023);
+    const long units = 1 + static_cast<long>(z >> 1 & 1023);
     const auto last_place = mpfr_get_exp(x.backend().data()) - mpfr_get_prec(x.backend().data());
-    x += ldexp(T(z & 1 ? units : -units), static_cast<int>(last_place));
+    T move;
+    mpfr_set_si_2exp(move.backend().data(), z & 1 ? units : -units, last_place, MPFR_RNDN);
+    mpfr_add(x.backend().data(), x.backend().data(), move.backend().data(), MPFR_RNDN);
   }
   template <int Cols>
   void perturb(Matrix<T, Dynamic, Cols>& X) {
-    if (!perturbed_) return;
+    if constexpr (form == Form::joseph) return;
     for (Index j = 0; j < X.cols(); ++j)
       for (Index i = 0; i < X.rows(); ++i) perturb_number(X(i, j));
   }
   void perturb_symmetric(Matrix<T>& X) {
-    if (!perturbed_) return;
+    if constexpr (form == Form::joseph) return;
     for (Index j = 0; j < X.cols(); ++j)
       for (Index i = j; i < X.rows(); ++i) {
         perturb_number(X(i, j));
@@ -245,12 +348,12 @@ class Recursion {
       }
   }
 
-  const AnyProblem<double>* problem_;
+  Source source_;
   bool with_data_;
-  bool perturbed_;
   std::uint64_t counter_ = 0;
   std::int64_t k_ = -1;
   std::shared_ptr<const Numbers<T>> numbers_, previous_;
+  Matrix<T> L_, L_inverse_, J_, W_, Y_previous_;
 };
 
 }  // namespace kfstab::reference::detail

@@ -174,7 +174,7 @@ TEST_P(Agreement, OfEveryFilterWithTheReference) {
     }
     ASSERT_EQ(courses.size(), 3u) << at;  // nothing singular is drawn
     for (auto& [takes, course] : courses)
-      course.truth = std::make_unique<reference::Trajectory>(course.problem, nullptr, 20);
+      course.truth = std::make_unique<reference::Trajectory>(course.problem, nullptr, reference::Request{.digits = 20});
 
     std::vector<Runner> runners;
     for (const Metadata& metadata : filters()) {

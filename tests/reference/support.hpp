@@ -6,16 +6,15 @@
 #include <utility>
 #include <vector>
 
-#include <boost/multiprecision/gmp.hpp>
+
 
 #include <kfstab/filters/problem.hpp>
-#include <kfstab/reference/high_precision.hpp>
+#include <kfstab/reference/rational.hpp>
 
 /// What the tests of the reference share: systems with few bits, data from a list, and an independent Riccati step in
 /// rational numbers, by other formulas and without a rounding anywhere.
 namespace kfstab::reference::testing {
 
-using Rational = boost::multiprecision::number<boost::multiprecision::gmp_rational, boost::multiprecision::et_off>;
 using Rationals = std::vector<std::vector<Rational>>;
 /// More digits than the reference needs for anything compared with it here.
 using Wide = Real<200>;
