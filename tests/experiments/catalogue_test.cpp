@@ -126,6 +126,12 @@ TEST_P(EverySystem, TwentyStepsOfEveryFilterThatApplies) {
       EXPECT_EQ(f.failure, kfstab::Status::singular_information);
       continue;
     }
+    if (id == "csrf" && GetParam() == "kaminski") {
+      // The first measurement takes away all but 2^-60 of a variance, and the increment of P with it, |t| = 1 to u.
+      ASSERT_TRUE(f.first_failure);
+      EXPECT_EQ(f.failure, kfstab::Status::hyperbolic_breakdown);
+      continue;
+    }
     EXPECT_FALSE(f.first_failure) << "at step " << *f.first_failure << ": " << name(f.failure);
     EXPECT_EQ(f.gain_error.count(), steps);
     EXPECT_TRUE(std::isfinite(f.gain_error.largest()) && std::isfinite(f.gain_error.last()));
