@@ -18,6 +18,13 @@ void scale(Matrix<T>& X, int exponent) {
     for (Index i = 0; i < X.rows(); ++i) X(i, j) = ldexp(X(i, j), exponent);
 }
 
+Matrix<double> square(const Matrix<double>& X) { return X.lazyProduct(X); }
+
+template <class T>
+Matrix<T> square(const Matrix<T>& X) {
+  return detail::product(X, X);
+}
+
 /// ||X^N||^{1/N}, N = 2^60, by squaring, scaled back to size 1 each time. What a squaring gets wrong enters by its
 /// root, so the first ones decide; |X|^{1/N} forgets constants and powers of N.
 template <class T>
@@ -36,7 +43,7 @@ double by_squaring(Matrix<T> X) {
       return round_to_double(HighPrecision(pow(HighPrecision(2), log2_radius)));
     }
     scale(X, -exponent);
-    X = detail::product(X, X);
+    X = square(X);
   }
 }
 

@@ -6,10 +6,12 @@
 #include <utility>
 
 #include <kfstab/reference/definiteness.hpp>
+#include <kfstab/reference/detail/split_product.hpp>
 #include <kfstab/reference/high_precision.hpp>
 
-/// Dense linear algebra in high precision, by plain loops: Eigen's products and decompositions cost most of a minute a
-/// number type to compile, and blocking buys nothing where a multiplication costs a function call.
+/// Dense linear algebra in high precision, by plain loops over sums of products with one rounding each: Eigen's
+/// products and decompositions cost most of a minute a number type to compile, and round twice a term. Products of
+/// matrices are detail/split_product.hpp's.
 ///
 /// T is a Real<Digits>. Symmetric results are computed in one triangle and mirrored.
 namespace kfstab::reference::detail {
@@ -45,17 +47,24 @@ Matrix<T> identity(Index n) {
   return X;
 }
 
+/// X as an operand of multiply; so is its transpose, without a copy.
+template <class T, int Rows, int Cols>
+Entries entries(const Matrix<T, Rows, Cols>& X) {
+  constexpr auto size = static_cast<std::ptrdiff_t>(sizeof(T));
+  return {X.size() > 0 ? X.data()->backend().data() : nullptr, size, X.rows() * size};
+}
+
+template <class T, int Rows, int Cols>
+Results results(Matrix<T, Rows, Cols>& X) {
+  constexpr auto size = static_cast<std::ptrdiff_t>(sizeof(T));
+  return {X.size() > 0 ? X.data()->backend().data() : nullptr, size, X.rows() * size};
+}
+
 /// X Y
 template <class T, int Cols>
 Matrix<T, Dynamic, Cols> product(const Matrix<T>& X, const Matrix<T, Dynamic, Cols>& Y) {
   Matrix<T, Dynamic, Cols> Z(X.rows(), Y.cols());
-  T sum, scratch;
-  for (Index j = 0; j < Y.cols(); ++j)
-    for (Index i = 0; i < X.rows(); ++i) {
-      sum = 0;
-      for (Index l = 0; l < X.cols(); ++l) add_product(sum, X(i, l), Y(l, j), scratch);
-      Z(i, j) = sum;
-    }
+  multiply(results(Z), Into::set, entries(X), entries(Y), {X.rows(), X.cols(), Y.cols()}, Structure::general);
   return Z;
 }
 
@@ -63,34 +72,24 @@ Matrix<T, Dynamic, Cols> product(const Matrix<T>& X, const Matrix<T, Dynamic, Co
 template <class T>
 Matrix<T> product_transposed(const Matrix<T>& X, const Matrix<T>& Y) {
   Matrix<T> Z(X.rows(), Y.rows());
-  T sum, scratch;
-  for (Index j = 0; j < Y.rows(); ++j)
-    for (Index i = 0; i < X.rows(); ++i) {
-      sum = 0;
-      for (Index l = 0; l < X.cols(); ++l) add_product(sum, X(i, l), Y(j, l), scratch);
-      Z(i, j) = sum;
-    }
+  multiply(results(Z), Into::set, entries(X), entries(Y).transposed(), {X.rows(), X.cols(), Y.rows()},
+           Structure::general);
   return Z;
 }
 
 /// Z += X Y' where that is known to be symmetric: its lower triangle, mirrored.
 template <class T>
 void add_symmetric_product(Matrix<T>& Z, const Matrix<T>& X, const Matrix<T>& Y) {
-  T sum, scratch;
-  for (Index j = 0; j < Z.cols(); ++j)
-    for (Index i = j; i < Z.rows(); ++i) {
-      sum = Z(i, j);
-      for (Index l = 0; l < X.cols(); ++l) add_product(sum, X(i, l), Y(j, l), scratch);
-      Z(i, j) = sum;
-      Z(j, i) = sum;
-    }
+  multiply(results(Z), Into::add, entries(X), entries(Y).transposed(), {X.rows(), X.cols(), Y.rows()},
+           Structure::symmetric);
 }
 
 /// X Y' where that is known to be symmetric.
 template <class T>
 Matrix<T> symmetric_product(const Matrix<T>& X, const Matrix<T>& Y) {
-  Matrix<T> Z = zeros<T>(X.rows(), X.rows());
-  add_symmetric_product(Z, X, Y);
+  Matrix<T> Z(X.rows(), X.rows());
+  multiply(results(Z), Into::set, entries(X), entries(Y).transposed(), {X.rows(), X.cols(), Y.rows()},
+           Structure::symmetric);
   return Z;
 }
 
@@ -122,15 +121,16 @@ template <class T>
 CholeskyEnd<T> cholesky(const Matrix<T>& X, Matrix<T>& L) {
   const Index n = X.rows();
   L = zeros<T>(n, n);
-  T sum, scratch;
+  const Entries rows = entries(L);
+  T sum;
   for (Index j = 0; j < n; ++j) {
     sum = X(j, j);
-    for (Index l = 0; l < j; ++l) subtract_product(sum, L(j, l), L(j, l), scratch);
+    fused_dot(*sum.backend().data(), Into::subtract, rows.row(j), rows.row(j), j);
     if (!(sum > 0)) return {false, j, sum};
     L(j, j) = sqrt(sum);
     for (Index i = j + 1; i < n; ++i) {
       sum = X(i, j);
-      for (Index l = 0; l < j; ++l) subtract_product(sum, L(i, l), L(j, l), scratch);
+      fused_dot(*sum.backend().data(), Into::subtract, rows.row(i), rows.row(j), j);
       L(i, j) = sum / L(j, j);
     }
   }
@@ -142,12 +142,13 @@ template <class T>
 Matrix<T> lower_inverse(const Matrix<T>& L) {
   const Index n = L.rows();
   Matrix<T> X = zeros<T>(n, n);
-  T sum, scratch;
+  const Entries rows = entries(L), columns = entries(X);
+  T sum;
   for (Index j = 0; j < n; ++j) {
     X(j, j) = 1 / L(j, j);
     for (Index i = j + 1; i < n; ++i) {
       sum = 0;
-      for (Index l = j; l < i; ++l) subtract_product(sum, L(i, l), X(l, j), scratch);
+      fused_dot(*sum.backend().data(), Into::subtract, rows.row(i, j), columns.column(j, j), i - j);
       X(i, j) = sum / L(i, i);
     }
   }
@@ -157,8 +158,10 @@ Matrix<T> lower_inverse(const Matrix<T>& L) {
 /// (L L')^{-1} from L^{-1}.
 template <class T>
 Matrix<T> inverse_from_root_inverse(const Matrix<T>& L_inverse) {
-  const Matrix<T> transpose = transposed(L_inverse);
-  return symmetric_product(transpose, transpose);
+  const Index n = L_inverse.rows();
+  Matrix<T> X(n, n);
+  multiply(results(X), Into::set, entries(L_inverse).transposed(), entries(L_inverse), {n, n, n}, Structure::symmetric);
+  return X;
 }
 
 /// X^{-1} by Gaussian elimination with partial pivoting. False if a column has no pivot but zero.
