@@ -5,7 +5,10 @@
 #include <cmath>
 
 #include <fmt/core.h>
+#include <oneapi/tbb/parallel_for.h>
+#include <oneapi/tbb/task_arena.h>
 
+#include <kfstab/experiments/interruption.hpp>
 #include <kfstab/properties/input_error.hpp>
 
 namespace kfstab::experiments {
@@ -29,11 +32,12 @@ reports::Verdict ClaimResult::verdict() const {
   return measured ? reports::Verdict::confirmed : reports::Verdict::inconclusive;
 }
 
-Settings settings_of(const Claim& claim, const std::map<std::string, double>& set) {
+Settings settings_of(const Claim& claim, const std::map<std::string, double>& set, Effort effort) {
   std::map<std::string, double> values;
   for (const Parameter& parameter : claim.parameters) {
     const auto given = set.find(parameter.name);
-    const double value = given == set.end() ? parameter.value : given->second;
+    const double own = effort == Effort::quick ? parameter.quick.value_or(parameter.value) : parameter.value;
+    const double value = given == set.end() ? own : given->second;
     if (!(value >= parameter.least && value <= parameter.most)) {
       properties::Place place;
       place.origin = "--set";
@@ -47,12 +51,35 @@ Settings settings_of(const Claim& claim, const std::map<std::string, double>& se
   return Settings(values);
 }
 
-ClaimResult run_claim(const Claim& claim, const std::map<std::string, double>& set) {
-  ClaimResult result{claim, settings_of(claim, set), {}, 0};
+ClaimResult run_claim(const Claim& claim, const std::map<std::string, double>& set, Effort effort) {
+  ClaimResult result{claim, settings_of(claim, set, effort), {}, 0};
   const auto begin = std::chrono::steady_clock::now();
   result.findings = claim.measure(result.settings);
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   return result;
+}
+
+std::vector<ClaimResult> run_claims(const std::vector<Claim>& claims, const std::map<std::string, double>& set,
+                                    Effort effort, int jobs, const std::function<void()>& done) {
+  std::vector<std::optional<ClaimResult>> finished(claims.size());
+  oneapi::tbb::task_arena arena(jobs == 0 ? oneapi::tbb::task_arena::automatic : jobs);
+  arena.execute([&] {
+    oneapi::tbb::parallel_for(
+        oneapi::tbb::blocked_range<std::size_t>(0, claims.size(), 1),
+        [&](const oneapi::tbb::blocked_range<std::size_t>& range) {
+          for (std::size_t i = range.begin(); i < range.end() && !interrupted(); ++i) {
+            ClaimResult result = run_claim(claims[i], set, effort);
+            if (interrupted()) return;  // a claim that was cut short is not judged
+            finished[i] = std::move(result);
+            done();
+          }
+        },
+        oneapi::tbb::simple_partitioner());
+  });
+  std::vector<ClaimResult> results;
+  for (auto& result : finished)
+    if (result) results.push_back(std::move(*result));
+  return results;
 }
 
 reports::Check check_close(std::string name, double predicted, double measured, double relative) {

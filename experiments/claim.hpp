@@ -18,6 +18,7 @@ struct Parameter {
   double value;  ///< what it is unless set
   std::string meaning;
   double least, most;  ///< what it may be set to, both included
+  std::optional<double> quick = {};  ///< what it is unless set under --quick; else `value`
 };
 
 /// The values that a run of a claim uses. A claim's prediction follows them.
@@ -67,12 +68,20 @@ struct ClaimResult {
 /// All claims, in the order of the ledger.
 std::vector<Claim> all_claims();
 
+/// At what size a claim is measured: as it is, or in a fraction of the time, with fewer frames and steps.
+enum class Effort { full, quick };
+
 /// A claim's own parameters out of `set`, and the defaults for the others. Throws properties::InputError for a value out of
 /// range.
-Settings settings_of(const Claim& claim, const std::map<std::string, double>& set);
+Settings settings_of(const Claim& claim, const std::map<std::string, double>& set, Effort effort = Effort::full);
 
-/// Runs a claim with settings_of(claim, set).
-ClaimResult run_claim(const Claim& claim, const std::map<std::string, double>& set);
+/// Runs a claim with settings_of(claim, set, effort).
+ClaimResult run_claim(const Claim& claim, const std::map<std::string, double>& set, Effort effort = Effort::full);
+
+/// Runs claims, `jobs` at once (0: one a core), and gives the results in their order. done is called after each, from
+/// any thread. Those that were not finished when interrupted() became true are left out.
+std::vector<ClaimResult> run_claims(const std::vector<Claim>& claims, const std::map<std::string, double>& set,
+                                    Effort effort, int jobs, const std::function<void()>& done);
 
 /// A check that a measured value lies within a relative tolerance of the predicted one. Not finite: does not hold.
 reports::Check check_close(std::string name, double predicted, double measured, double relative);

@@ -60,18 +60,14 @@ std::map<std::string, double> values_of(const SetArguments& set, const std::vect
 int claim_command(const ClaimArguments& arguments) {
   const auto selected = select_claims(arguments.claims);
   const auto set = values_of(arguments.set, selected);
-  for (const Claim& claim : selected) settings_of(claim, set);  // refuses what is out of range before any work
+  const Effort effort = arguments.quick ? Effort::quick : Effort::full;
+  for (const Claim& claim : selected) settings_of(claim, set, effort);  // refuses what is out of range before any work
   Output output(arguments.out, arguments.claims.empty() ? "claim" : "claim-" + arguments.claims, arguments.json);
 
   std::vector<ClaimResult> results;
   {
     Progress progress("claims", static_cast<std::int64_t>(selected.size()));
-    for (const Claim& claim : selected) {
-      ClaimResult result = run_claim(claim, set);
-      if (interrupted()) break;  // a claim that was cut short is not judged
-      results.push_back(std::move(result));
-      progress.advance();
-    }
+    results = run_claims(selected, set, effort, arguments.jobs, [&] { progress.advance(); });
   }
   output.write(claims_document(results), claims_json(results, set));
 

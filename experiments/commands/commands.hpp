@@ -33,6 +33,8 @@ int run_command(const RunArguments& arguments);
 struct ClaimArguments {
   std::string claims;
   SetArguments set;
+  bool quick = false;  ///< with fewer frames and steps
+  int jobs = 0;        ///< 0: one a core
   std::string out;
   std::string json;
   bool markdown = false;  ///< the table of verdicts alone, as Markdown

@@ -33,13 +33,9 @@ int demo_command(const std::string& out) {
   std::vector<ClaimResult> results;
   {
     Progress progress("demo", std::ssize(shown));
-    for (const Claim& claim : all_claims()) {
-      if (!std::ranges::count(shown, claim.number)) continue;
-      ClaimResult result = run_claim(claim, {});
-      if (interrupted()) break;
-      results.push_back(std::move(result));
-      progress.advance();
-    }
+    std::vector<Claim> claims = all_claims();
+    std::erase_if(claims, [](const Claim& claim) { return !std::ranges::count(shown, claim.number); });
+    results = run_claims(claims, {}, Effort::full, 0, [&] { progress.advance(); });
   }
   output.write(claims_document(results), claims_json(results, {}));
 

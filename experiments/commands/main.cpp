@@ -82,6 +82,9 @@ int command_line(int argc, char** argv) {
   auto* claim_app = add_command("claim", "Measure claims of the literature, and judge them");
   claim_app->add_option("REGEX", claim.claims, "regular expression on claim ids; after --, a leading - excludes; else all");
   add_set(claim_app, "value of a parameter of the selected claims");
+  claim_app->add_flag("--quick", claim.quick, "with fewer frames and steps: a first look")->envname("KFSTAB_QUICK");
+  claim_app->add_option("--jobs", claim.jobs, "claims at once; 0: one a core")
+      ->envname("KFSTAB_JOBS")->check(CLI::Range(0, 1024).description(""))->capture_default_str();
   claim_app->add_option("--out", claim.out, "folder for the results; else ./kfstab-out/claim-REGEX")->envname("KFSTAB_OUT")->type_name("DIR");
   claim_app->add_option("--json", claim.json, "the results as JSON into this file too; - for stdout, and nothing else there")
       ->envname("KFSTAB_JSON")->type_name("FILE");
