@@ -47,7 +47,7 @@ reports::Figure run_figure(const SystemRun& run, const std::string& prefix, cons
 
 /// The first-order bounds: as the envelope that of the filters that hold P, or whichever there is; as lines the others.
 /// Filters with the same bound share a curve.
-void add_bounds(reports::Figure& figure, const SystemRun& run) {
+void add_bounds(reports::Figure& figure, const SystemRun& run, Series FilterRun::*bound) {
   struct Kind {
     const char* name;
     bool (*is)(Held);
@@ -59,14 +59,38 @@ void add_bounds(reports::Figure& figure, const SystemRun& run) {
   for (const auto& [name, is_kind] : kinds) {
     const FilterRun* widest = nullptr;
     for (const FilterRun& f : run.filters)
-      if (!f.refused && is_kind(f.metadata->holds) && (!widest || f.bound.count() > widest->bound.count())) widest = &f;
-    if (!widest || widest->bound.count() == 0) continue;
+      if (!f.refused && is_kind(f.metadata->holds) && (!widest || (f.*bound).count() > (widest->*bound).count()))
+        widest = &f;
+    if (!widest || (widest->*bound).count() == 0) continue;
     const bool envelope = figure.curves.empty() || figure.curves.front().role != reports::CurveRole::envelope;
-    auto points = widest->bound.points();
+    auto points = (widest->*bound).points();
     reports::Curve curve{fmt::format("bound-{}", name), fmt::format("bound, holding {}", name), std::move(points.step),
                          std::move(points.value), envelope ? reports::CurveRole::envelope : reports::CurveRole::theory, -1};
     figure.curves.insert(envelope ? figure.curves.begin() : figure.curves.end(), std::move(curve));
   }
+}
+
+/// In decades, on a linear axis: an amplification may be far beyond the range of double.
+reports::Figure analysis_figure(const AnalysisRun& analysis, const std::string& prefix) {
+  reports::Figure figure{prefix + "-error-analysis", "What the system does to an error",
+                         "By how many decades does an error grow, whichever filter made it? One step multiplies an error of P by at most "
+                         "||F||^2, all steps so far by ||F_k ... F_0||^2, which may be far less than the product of the former. Beside "
+                         "them what a step loses by itself where S is held, by the condition of Re^{1/2} and by the downdate; where "
+                         "P is held it is twice as much.",
+                         {"step k", false}, {"decades", false}, {}};
+  const auto add = [&](const char* id, const char* label, const Series& of, double factor, bool is_log) {
+    auto points = of.points();
+    if (!is_log)
+      for (double& value : points.value) value = std::log10(value);
+    for (double& value : points.value) value *= factor;
+    figure.curves.push_back(
+        {id, label, std::move(points.step), std::move(points.value), reports::CurveRole::measured_line, -1});
+  };
+  add("gamma", "one step, ||F||^2", analysis.gamma, 2, false);
+  add("amplification", "all steps, ||F_k ... F_0||^2", analysis.log10_amplification, 1, true);
+  add("innovation-condition", "k(Re^{1/2})", analysis.innovation_condition, 1, false);
+  add("angle", "1/cos", analysis.cosine, -1, false);
+  return figure;
 }
 
 }  // namespace
@@ -141,17 +165,21 @@ reports::Document run_document(const std::vector<SystemRun>& runs) {
                             "hold P, the dashed lines those for filters that hold a factor S or T: errors below are what theory "
                             "excuses, above them something else grows.",
                             "relative error of P", true, &FilterRun::covariance_error);
-    add_bounds(error, run);
+    add_bounds(error, run, &FilterRun::bound);
     section.blocks.push_back(std::move(error));
-    section.blocks.push_back(run_figure(run, prefix, "gain-error", "Relative error of the gain",
-                                        "How far is each filter's gain from the true one?", "relative error of K", true,
-                                        &FilterRun::gain_error));
+    auto gain = run_figure(run, prefix, "gain-error", "Relative error of the gain",
+                           "How far is each filter's gain from the true one? Bounds as above; of the gain of filters that hold "
+                           "T there is none.",
+                           "relative error of K", true, &FilterRun::gain_error);
+    add_bounds(gain, run, &FilterRun::gain_bound);
+    section.blocks.push_back(std::move(gain));
     section.blocks.push_back(run_figure(run, prefix, "asymmetry", "Asymmetry of P",
                                         "Does P stay symmetric? Filters that compute one triangle or hold a factor have exactly 0.",
                                         "||P - P'|| / 2, relative to ||P||", true, &FilterRun::asymmetry));
     section.blocks.push_back(run_figure(run, prefix, "smallest-eigenvalue", "Smallest eigenvalue of P",
                                         "Does P stay positive definite? A value on the floor is zero or negative: no covariance.",
                                         "smallest eigenvalue of P", true, &FilterRun::smallest_eigenvalue));
+    section.blocks.push_back(analysis_figure(run.analysis, prefix));
     document.sections.push_back(std::move(section));
   }
   return document;

@@ -78,6 +78,7 @@ json filter_json(const FilterRun& f) {
   object["curves"] = {{"covariance_error", series(f.covariance_error)},
                       {"bound", series(f.bound)},
                       {"gain_error", series(f.gain_error)},
+                      {"gain_bound", series(f.gain_bound)},
                       {"asymmetry", series(f.asymmetry)},
                       {"smallest_eigenvalue", series(f.smallest_eigenvalue)}};
   if (f.state_error.count() > 0) object["curves"]["state_error"] = series(f.state_error);
@@ -105,6 +106,10 @@ std::string run_json(const std::vector<SystemRun>& runs) {
     object["interrupted"] = r.interrupted;
     object["reference"] = {{"certified_digits", r.certified_digits}, {"working_digits", r.working_digits}};
     if (r.reference_error) object["reference"]["error"] = *r.reference_error;
+    object["analysis"] = {{"gamma", series(r.analysis.gamma)},
+                          {"log10_amplification", series(r.analysis.log10_amplification)},
+                          {"innovation_condition", series(r.analysis.innovation_condition)},
+                          {"cosine", series(r.analysis.cosine)}};
     object["filters"] = json::array();
     for (const FilterRun& f : r.filters) object["filters"].push_back(filter_json(f));
     root["systems"].push_back(std::move(object));

@@ -12,6 +12,7 @@
 #include <kfstab/filters/registry.hpp>
 #include <kfstab/properties/data.hpp>
 #include <kfstab/reference/bounds.hpp>
+#include <kfstab/reference/error_analysis.hpp>
 #include <kfstab/reference/trajectory.hpp>
 
 namespace kfstab::experiments {
@@ -53,9 +54,21 @@ class Feed {
   const StepData* current_ = nullptr;
 };
 
+const Matrix<double>& output_map(const AnyProblem<double>& problem, std::int64_t k) {
+  return std::visit([k](const auto& p) -> const Matrix<double>& { return p.model(k).C; }, problem);
+}
+
+void add(AnalysisRun& run, std::int64_t k, const reference::ErrorAnalysis& analysis) {
+  run.gamma.add(k, analysis.gamma());
+  run.log10_amplification.add(k, analysis.log10_amplification());
+  run.innovation_condition.add(k, analysis.innovation_condition());
+  run.cosine.add(k, analysis.cosine());
+}
+
 void measure(Runner& runner, std::int64_t k, const Vector<double>* y, const Vector<double>* u) {
   FilterRun& r = runner.result;
-  const double bound = runner.bound->advance(runner.course->truth->truth());
+  const reference::Truth& truth = runner.course->truth->truth();
+  const double bound = runner.bound->advance(truth);
   if (!runner.running()) return;
   const Step<double> step = runner.filter->step(k, y, u);
   if (!step.report) {
@@ -65,6 +78,8 @@ void measure(Runner& runner, std::int64_t k, const Vector<double>* y, const Vect
   }
   const Errors e = runner.course->truth->measure(*r.metadata, step);
   r.gain_error.add(k, e.gain);
+  const double gain_bound = runner.bound->gain(truth, output_map(*runner.course->numbers(), k));
+  if (!std::isnan(gain_bound)) r.gain_bound.add(k, gain_bound);
   if (y) r.state_error.add(k, e.state);
   if (!step.held) return;
   r.covariance_error.add(k, e.covariance);
@@ -146,6 +161,7 @@ SystemRun run(const properties::System& system, const std::vector<const Metadata
       if (course.numbers()) course.truth.emplace(*course.numbers(), system.data, reference::Request{.digits = options.digits});
 
     Feed feed(system.data);
+    reference::ErrorAnalysis analysis;
     for (std::int64_t k = 0; k < system.steps; ++k) {
       if (interrupted()) {
         result.interrupted = true;
@@ -153,6 +169,13 @@ SystemRun run(const properties::System& system, const std::vector<const Metadata
       }
       for (auto& [parametrisation, course] : courses)
         if (course.truth) course.truth->advance();
+      // The parametrisations differ by roundings of their numbers: one of them speaks for all.
+      for (auto& [parametrisation, course] : courses)
+        if (course.truth) {
+          analysis.advance(course.truth->truth());
+          add(result.analysis, k, analysis);
+          break;
+        }
       feed.next();
       for (Runner& runner : runners)
         if (runner.filter) measure(runner, k, feed.y(), feed.u());

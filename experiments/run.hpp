@@ -28,7 +28,8 @@ struct FilterRun {
   Series state_error;  ///< empty in a run without data
   Series asymmetry;
   Series smallest_eigenvalue;
-  Series bound;  ///< of covariance_error, to first order
+  Series bound;       ///< of covariance_error, to first order
+  Series gain_bound;  ///< of gain_error
 
   /// Of P at the last step.
   double correct_digits = std::numeric_limits<double>::quiet_NaN();
@@ -37,6 +38,11 @@ struct FilterRun {
   Status failure = Status::ok;
   /// Of a step alone, in a loop without reference or measurements of error; NaN if it fails at once.
   double seconds_per_step = 0;
+};
+
+/// What the system does to an error, over the steps: reference::ErrorAnalysis says what each is.
+struct AnalysisRun {
+  Series gamma, log10_amplification, innovation_condition, cosine;
 };
 
 struct SystemRun {
@@ -51,6 +57,7 @@ struct SystemRun {
   std::optional<std::string> reference_error;
   int certified_digits = 0;  ///< least over steps, quantities and trajectories
   int working_digits = 0;
+  AnalysisRun analysis;
   std::vector<FilterRun> filters;
 };
 

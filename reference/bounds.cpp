@@ -1,5 +1,6 @@
 #include <kfstab/reference/bounds.hpp>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -18,7 +19,7 @@ Matrix<double> congruence(const Matrix<double>& X, const Matrix<double>& Y) {
 }  // namespace
 
 FirstOrderBound::FirstOrderBound(const Metadata& metadata, Dimensions dimensions)
-    : held_(metadata.holds), instant_(metadata.instant),
+    : held_(metadata.holds), instant_(metadata.instant), gain_(metadata.gain),
       constant_(unit_roundoff<double>() * static_cast<double>(dimensions.n + dimensions.m + dimensions.p)),
       W_(Matrix<double>::Zero(dimensions.n, dimensions.n)) {}
 
@@ -47,10 +48,40 @@ double FirstOrderBound::advance(const Truth& truth) {
       break;
     case Held::gain: return std::numeric_limits<double>::quiet_NaN();
   }
+  W_before_ = W_;
   const Matrix<double> carried = congruence(F, W_) + local;
   W_ = (carried + carried.transpose()) / 2;
   const double size = P.norm();
   return size > 0 ? W_.norm() / size : 0;
+}
+
+double FirstOrderBound::gain(const Truth& truth, const Matrix<double>& C) const {
+  const bool root = holds_root(held_);
+  if (!root && held_ != Held::covariance) return std::numeric_limits<double>::quiet_NaN();
+  const bool predictor = gain_ == GainKind::predictor;
+  const Matrix<double>& K = predictor ? truth.predictor_gain : truth.filter_gain;
+  const double size = K.norm();
+  if (size == 0) return 0;
+
+  const Index n = K.rows();
+  const Matrix<double> F = predictor ? truth.closed_loop
+                                     : Matrix<double>(Matrix<double>::Identity(n, n) - K.lazyProduct(C));
+  const double re = two_norm(truth.innovation), re_inverse = truth.innovation_condition / re;  // of Re and Re^{-1}
+  const auto root_of_trace = [this](const Matrix<double>& X) {
+    return std::sqrt(std::max(0.0, congruence(X, W_before_).trace()));
+  };
+  const double carried = re_inverse * root_of_trace(F) * root_of_trace(C);
+
+  double local = truth.innovation_condition * size;
+  if (root) {
+    const double left = std::sqrt(two_norm(predictor ? truth.P_next : truth.P_filtered));  // ||S+||, or ||S_{k|k}||
+    const double whole = std::sqrt(two_norm(truth.P_predicted));
+    const double inverse_cosine = predictor ? 1 / truth.cosine : left > 0 ? std::max(1.0, whole / left) : 1;
+    const double G = std::sqrt(two_norm(congruence(K, truth.innovation)));
+    local = std::sqrt(re_inverse) *
+            ((std::sqrt(truth.innovation_condition) + inverse_cosine) * left + std::sqrt(re) * G);
+  }
+  return (carried + constant_ * local) / size;
 }
 
 Matrix<double> asymmetry_map(Asymmetry form, bool one_triangle_of_Re, const Matrix<double>& A, const Matrix<double>& KC,

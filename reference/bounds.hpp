@@ -27,11 +27,24 @@ class FirstOrderBound {
   /// The bound of ||dP||_F / ||P||_F after the step that the truth is of; steps must be given in order from the first.
   double advance(const Truth& truth);
 
+  /// The bound of ||dK||_F / ||K||_F of the same step, K the gain that the form computes, predictor or filter. What was
+  /// wrong with P before the step enters by (3.2): -W <= dP <= W makes
+  ///
+  ///     ||F dP C'Re^{-1}||_F <= (tr F W F'  tr Re^{-1} C W C' Re^{-1})^{1/2},      F or, of Kf, I - Kf C;
+  ///
+  /// to this the step adds, with u (n+m+p) for the constant,
+  ///     held P   k(Re) ||K||                                          (4.1)
+  ///     held S   ((s1/sp) ||S+|| + s1 ||G|| + ||S+|| / cos) / sp      (4.2); of Kf, S_{k|k} in the place of S+
+  /// NaN for the forms that hold T or Y, of whose gain section 4 says nothing.
+  /// @param C  of the step's model, p x n
+  double gain(const Truth& truth, const Matrix<double>& C) const;
+
  private:
   Held held_;
   Instant instant_;
+  GainKind gain_;
   double constant_;
-  Matrix<double> W_;
+  Matrix<double> W_, W_before_;
 };
 
 /// What a coding of the covariance filter makes of an asymmetry D = P - P' in one step, to first order, theory

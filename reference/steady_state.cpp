@@ -82,7 +82,63 @@ Solution<T> double_up(const AnyProblem<double>& problem, int digits) {
   return s;
 }
 
+template <class T>
+struct Sum {
+  Matrix<T> P;
+  T residual;
+};
+
+/// P := A P A' + P, A := A^2 (Smith 1968).
+template <class T>
+Sum<T> square_up(const AnyProblem<double>& problem, int digits) {
+  const detail::Numbers<T> m = detail::read<T>(problem, 0);
+  Matrix<T> A = m.A, P = m.BQB;
+  const T tolerance = detail::power_of_ten<T>(-digits);
+  // rho(A) < 1 for doubles, so at most some 2^60 terms before they are below any precision here
+  for (int step = 0; step < 70; ++step) {
+    const Matrix<T> increment = detail::congruence(A, P);
+    add(P, increment);
+    A = product(A, A);
+    const T change = detail::frobenius(increment), size = detail::frobenius(P);
+    if (!is_finite(change)) break;
+    // The terms to come are smaller yet only once A^(2^j) is a contraction.
+    if (change > T(tolerance * size) || !(detail::frobenius(A) < 1)) continue;
+    Matrix<T> difference = detail::congruence(m.A, P);
+    add(difference, m.BQB);
+    subtract(difference, P);
+    return {P, size == 0 ? T(0) : T(detail::frobenius(difference) / size)};
+  }
+  throw ReferenceError("stationary covariance: the sum does not converge, rho(A) is too near 1");
+}
+
+/// Digits of a matrix to which two precisions agree.
+template <class High, class Low>
+int agreement(const Matrix<High>& high, const Matrix<Low>& low) {
+  const High distance = detail::frobenius_distance(high, low), size = detail::frobenius(high);
+  return distance == 0 ? 100 : std::clamp(detail::digits_of(High(distance / size)), 0, 100);
+}
+
 }  // namespace
+
+StationaryCovariance stationary_covariance(const AnyProblem<double>& problem) {
+  detail::check(detail::Source(&problem), false);
+  if (!std::visit([](const auto& p) { return p.time_invariant(); }, problem))
+    throw ReferenceError("stationary covariance: the problem is not time-invariant");
+  StationaryCovariance s;
+  s.spectral_radius = spectral_radius(detail::round_to_double(detail::read<Real<100>>(problem, 0).A));
+  if (!(s.spectral_radius < 1))
+    throw ReferenceError("stationary covariance: A is not stable, rho(A) = " + std::to_string(s.spectral_radius));
+  const auto low = square_up<Real<100>>(problem, 100);
+  const auto high = square_up<Real<200>>(problem, 200);
+  s.P = detail::round_to_double(high.P);
+  if (!all_finite(s.P)) throw ReferenceError("stationary covariance: does not fit a double (overflow)");
+  s.residual = round_to_double(high.residual);
+  s.certified_digits = agreement(high.P, low.P);
+  if (s.certified_digits < 20)
+    throw ReferenceError("stationary covariance: 100 and 200 digits agree to " + std::to_string(s.certified_digits) +
+                         " only");
+  return s;
+}
 
 SteadyState steady_state(const AnyProblem<double>& problem) {
   detail::check(detail::Source(&problem), false);
@@ -102,9 +158,7 @@ SteadyState steady_state(const AnyProblem<double>& problem) {
     throw ReferenceError("steady state: the solution is not stabilising, rho(F) = " +
                          std::to_string(s.spectral_radius));
   s.residual = round_to_double(high.residual);
-  const auto distance = detail::frobenius_distance(high.P, low.P);
-  const auto size = detail::frobenius(high.P);
-  s.certified_digits = distance == 0 ? 100 : std::clamp(detail::digits_of(Real<200>(distance / size)), 0, 100);
+  s.certified_digits = agreement(high.P, low.P);
   if (s.certified_digits < 20)
     throw ReferenceError("steady state: 100 and 200 digits agree to " + std::to_string(s.certified_digits) + " only");
   return s;

@@ -25,6 +25,24 @@ struct SteadyState {
 /// solution it finds is not stabilising (an unstable or marginal mode that the noise does not excite).
 SteadyState steady_state(const AnyProblem<double>& problem);
 
+/// What the state is like after a long time without measurements: the solution of the Lyapunov equation
+///
+///     P = A P A' + B Q B',
+///
+/// each entry computed in high precision and rounded once. A Chandrasekhar filter starts from its root
+/// (InitialCovariance::stationary).
+struct StationaryCovariance {
+  Matrix<double> P;
+  double spectral_radius = 0;  ///< rho(A) < 1
+  double residual = 0;         ///< of the equation, relative to ||P||_F, before rounding
+  int certified_digits = 0;    ///< agreement of two precisions
+};
+
+/// By squaring, 2^j terms of the sum of A^i B Q B' (A^i)' at the cost of one. The problem's initial condition, C and R
+/// are not used. Throws ReferenceError if the problem is not time-invariant, or rho(A) >= 1: then there is
+/// none, or more than one.
+StationaryCovariance stationary_covariance(const AnyProblem<double>& problem);
+
 /// The largest modulus of an eigenvalue; 0 for 0 x 0, NaN if X is not finite. By Gelfand's formula, ||X^N||^{1/N} for
 /// N = 2^60, in high precision up to n = 32: the spectral radius of the very doubles of X. In double beyond.
 double spectral_radius(const Matrix<double>& X);

@@ -1,6 +1,7 @@
 #include <kfstab/experiments/pages.hpp>
 
 #include <algorithm>
+#include <cmath>
 #include <set>
 
 #include "reports/scratch.hpp"
@@ -147,6 +148,25 @@ TEST_F(Pages, ErrorStandsOverItsBoundAndAFiltersColourIsTheSameEverywhere) {
   EXPECT_EQ(ckf.size(), 1u);
   EXPECT_EQ(srcf.size(), 1u);
   EXPECT_NE(*ckf.begin(), *srcf.begin());
+}
+
+TEST_F(Pages, WhatTheSystemDoesToAnErrorIsDrawnInDecades) {
+  const auto run = run_of("local-level", 8, "^ckf$");
+  const auto figures = blocks_of<reports::Figure>(run_document({run}).sections.front());
+  const auto& figure = figure_ending(figures, "-error-analysis");
+  EXPECT_FALSE(figure.y.log);
+  const auto curve = [&](const char* id) { return *std::ranges::find(figure.curves, id, &reports::Curve::id); };
+  ASSERT_EQ(figure.curves.size(), 4u);
+  EXPECT_EQ(curve("amplification").y, run.analysis.log10_amplification.points().value);
+  EXPECT_EQ(curve("gamma").y.back(), 2 * std::log10(run.analysis.gamma.last()));
+  EXPECT_EQ(curve("innovation-condition").y.back(), 0);  // p = 1
+  EXPECT_GT(curve("angle").y.back(), 0);
+
+  // the gain's error stands over its bound too
+  const auto& gain = figure_ending(figures, "-gain-error");
+  const auto envelope = std::ranges::find(gain.curves, reports::CurveRole::envelope, &reports::Curve::role);
+  ASSERT_NE(envelope, gain.curves.end());
+  EXPECT_EQ(envelope->y, run.filters[0].gain_bound.points().value);
 }
 
 TEST_F(Pages, RefusedFiltersHaveNoCurveAndOthersDo) {

@@ -138,6 +138,7 @@ TEST(RunJson, HasTheKeysOfItsSchema) {
   for (const auto& [key, series] : {std::pair{"covariance_error", &measured.covariance_error},
                                     {"bound", &measured.bound},
                                     {"gain_error", &measured.gain_error},
+                                    {"gain_bound", &measured.gain_bound},
                                     {"state_error", &measured.state_error},
                                     {"asymmetry", &measured.asymmetry},
                                     {"smallest_eigenvalue", &measured.smallest_eigenvalue}}) {
@@ -146,6 +147,14 @@ TEST(RunJson, HasTheKeysOfItsSchema) {
     EXPECT_EQ(curve["count"], 7);
     EXPECT_EQ(numbers(curve["step"]), series->points().step);
     EXPECT_EQ(numbers(curve["value"]), series->points().value) << "numbers read back exactly";
+  }
+  for (const auto& [key, series] : {std::pair{"gamma", &result.analysis.gamma},
+                                    {"log10_amplification", &result.analysis.log10_amplification},
+                                    {"innovation_condition", &result.analysis.innovation_condition},
+                                    {"cosine", &result.analysis.cosine}}) {
+    SCOPED_TRACE(key);
+    EXPECT_EQ(system["analysis"][key]["count"], 7);
+    EXPECT_EQ(numbers(system["analysis"][key]["value"]), series->points().value);
   }
 }
 

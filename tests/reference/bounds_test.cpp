@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <kfstab/filters/registry.hpp>
 #include <kfstab/reference/steady_state.hpp>
 
 #include "support.hpp"
@@ -232,6 +233,56 @@ TEST(FirstOrderBound, AccumulatesByTheClosedLoop) {
     W += 3 * u * (k + 1.0);
     EXPECT_NEAR(bound.advance(truth) / (W / (k + 1.0)), 1, 1e-14);
   }
+}
+
+/// The gain of the filters of the registry, one of each kind of gain and of each form that theory speaks of.
+TEST(FirstOrderBound, CoversTheGain) {
+  std::mt19937_64 random(79);
+  for (const char* id : {"ckf", "ckf-textbook", "joseph", "srcf", "potter", "svd"}) {
+    double tightest = 0;
+    for (int trial = 0; trial < 20; ++trial) {
+      SCOPED_TRACE(::testing::Message() << id << ", trial " << trial);
+      const Dimensions d{2 + trial % 3, 1 + trial % 3, 1 + trial % 2};
+      const auto root = random_root_problem(random, d);
+      const auto filter = make_filter<double>(id);
+      const Metadata& metadata = filter->metadata();
+      AnyProblem<double> problem = root;
+      if (metadata.takes == Parametrisation::covariance) problem = as_covariance(root);
+      Trajectory trajectory(problem, nullptr);
+      FirstOrderBound bound(metadata, d);
+      filter->start(problem);
+      for (int k = 0; k < 40; ++k) {
+        trajectory.advance();
+        const Errors errors = trajectory.measure(metadata, filter->step(k, nullptr, nullptr));
+        bound.advance(trajectory.truth());
+        const double gain = bound.gain(trajectory.truth(), root.models[0].C);
+        ASSERT_LE(errors.gain, gain) << k;
+        tightest = std::max(tightest, errors.gain / gain);
+      }
+    }
+    EXPECT_GE(tightest, 1 / loosest) << id;
+  }
+  Truth none;
+  none.predictor_gain = Matrix<double>(2, 0);
+  EXPECT_EQ(FirstOrderBound(form(Held::covariance), {2, 1, 0}).gain(none, Matrix<double>(0, 2)), 0);
+  EXPECT_TRUE(std::isnan(FirstOrderBound(form(Held::information_factor), {2, 1, 1}).gain(none, {})));
+}
+
+/// An error of P that is there already: the carried term alone, (3.2), by hand for one state.
+TEST(FirstOrderBound, CarriesAnErrorOfPIntoTheGain) {
+  Truth truth;
+  const auto one = [](double x) { return Matrix<double>::Constant(1, 1, x); };
+  truth.closed_loop = one(0.5);
+  truth.predictor_gain = one(0.25);
+  truth.innovation = one(8);
+  truth.P_next = one(4);
+  FirstOrderBound bound(form(Held::covariance), {1, 1, 1});
+  bound.advance(truth);
+  const double first = 3 * u;
+  EXPECT_NEAR(bound.gain(truth, one(2)) / first, 1, 1e-14);  // nothing before it: k(Re) = 1
+  bound.advance(truth);
+  // W = 3 u 4 after the first step; F W C / Re = 12 u / 8, relative to .25
+  EXPECT_NEAR(bound.gain(truth, one(2)) / (first + 12 * u * 0.5 * 2 / 8 / 0.25), 1, 1e-14);
 }
 
 // ---- asymmetry ----

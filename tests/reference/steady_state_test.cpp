@@ -5,6 +5,10 @@
 
 #include <gtest/gtest.h>
 
+#include <kfstab/filters/chandrasekhar.hpp>
+#include <kfstab/reference/detail/dense.hpp>
+#include <kfstab/reference/detail/elimination.hpp>
+#include <kfstab/reference/exact_filter.hpp>
 #include <kfstab/reference/trajectory.hpp>
 
 #include "support.hpp"
@@ -109,6 +113,129 @@ TEST(SteadyState, RefusesWhatHasNone) {
   auto twice = std::get<0>(scalar(0.5, 1, 1));
   twice.models.push_back(twice.models[0]);
   EXPECT_THROW(steady_state(twice), ReferenceError);
+}
+
+// ---- without measurements ----
+
+AnyProblem<double> unmeasured(const Matrix<double>& A, const Matrix<double>& B, const Matrix<double>& Q) {
+  CovarianceModel<double> model;
+  model.A = A;
+  model.B = B;
+  model.Q = Q;
+  model.C = Matrix<double>(0, A.rows());
+  model.R = Matrix<double>(0, 0);
+  return Problem<CovarianceModel<double>>{
+      {model}, Matrix<double>::Zero(A.rows(), A.rows()), Vector<double>::Zero(A.rows())};
+}
+
+/// The equation as n^2 linear ones, P - A P A' = B Q B', solved exactly.
+Matrix<Rational> by_elimination(const AnyProblem<double>& any) {
+  const CovarianceModel<Rational> model = exact_problem(any).models[0];
+  const Index n = model.A.rows();
+  Matrix<Rational> equations = detail::unit<Rational>(n * n), P(n * n, 1);
+  const Matrix<Rational> BQB = detail::sandwich(model.B, model.Q);
+  for (Index i = 0; i < n; ++i)
+    for (Index j = 0; j < n; ++j) {
+      P(i * n + j, 0) = BQB(i, j);
+      for (Index k = 0; k < n; ++k)
+        for (Index l = 0; l < n; ++l) equations(i * n + j, k * n + l) -= model.A(i, k) * model.A(j, l);
+    }
+  Rational determinant;
+  EXPECT_TRUE(detail::solve(
+      equations, P, determinant, [](const Rational& x) { return x != 0; }, false));
+  return P;
+}
+
+TEST(StationaryCovariance, SolvesTheLyapunovEquation) {
+  std::mt19937_64 random(32);
+  for (int trial = 0; trial < 12; ++trial) {
+    SCOPED_TRACE(trial);
+    const Index n = 1 + trial % 4, m = trial % 3;
+    // The sum of the moduli in a row is at most n / (n + 1/4): stable
+    const Matrix<double> A = few_bits(random, n, n) / (static_cast<double>(n) + 0.25), S = few_bits_root(random, m);
+    const AnyProblem<double> problem = unmeasured(A, few_bits(random, n, m), product_of(S));
+    const StationaryCovariance s = stationary_covariance(problem);
+    const Matrix<Rational> P = by_elimination(problem);
+    for (Index i = 0; i < n; ++i)
+      for (Index j = 0; j < n; ++j) EXPECT_EQ(s.P(i, j), nearest(P(i * n + j, 0)));
+    EXPECT_EQ(s.spectral_radius, spectral_radius(A));
+    EXPECT_GE(s.certified_digits, 80);
+    EXPECT_LE(s.residual, 1e-180);
+  }
+  EXPECT_EQ(
+      stationary_covariance(unmeasured(Matrix<double>(0, 0), Matrix<double>(0, 0), Matrix<double>(0, 0))).P.size(), 0);
+}
+
+TEST(StationaryCovariance, NearTheEndAndBeyond) {
+  const auto of = [](const Matrix<double>& A) {
+    return stationary_covariance(
+        unmeasured(A, Matrix<double>::Identity(A.rows(), A.rows()), Matrix<double>::Identity(A.rows(), A.rows())));
+  };
+  // q / (1 - a^2) as far as doubles go
+  const double a = 1 - 0x1p-53;
+  EXPECT_EQ(of(matrix(1, 1, {a})).P(0, 0), round_to_double(Wide(1 / (1 - Wide(a) * a))));
+  // far from normal: terms grow by 1e16 before they die out
+  EXPECT_GE(of(matrix(2, 2, {0.5, 1e8, 0, 0.5})).certified_digits, 60);
+  EXPECT_THROW(of(matrix(1, 1, {1})), ReferenceError);
+  EXPECT_THROW(of(matrix(2, 2, {0.6, -0.8, 0.8, 0.6})), ReferenceError);  // on the circle, by an ulp at most
+  EXPECT_THROW(of(matrix(2, 2, {0, 1.25, 1, 0})), ReferenceError);
+  EXPECT_THROW(of(1e200 * matrix(2, 2, {0, 1, 0, 0})), ReferenceError);  // stable, but P is 1e400
+  auto twice = std::get<0>(scalar(0.5, 1, 1));
+  twice.models.push_back(twice.models[0]);
+  EXPECT_THROW(stationary_covariance(twice), ReferenceError);
+}
+
+/// What it is for: L_0 = G_0 with Sig = -I. S0 is a double, so S0 S0' misses the equation by some E, and the filter is
+/// that of the system with B Q B' - E.
+TEST(StationaryCovariance, StartsTheChandrasekharFilter) {
+  std::mt19937_64 random(33);
+  for (int trial = 0; trial < 6; ++trial) {
+    SCOPED_TRACE(trial);
+    const Dimensions d{3, 2, 1 + trial % 2};
+    Problem<RootModel<double>> root;
+    root.models = {random_root_model(random, d)};
+    RootModel<double>& model = root.models[0];
+    model.A *= 0.3;
+    root.x0 = Vector<double>::Zero(d.n);
+    const StationaryCovariance s = stationary_covariance([&] {
+      root.initial = Matrix<double>::Identity(d.n, d.n);
+      return AnyProblem<double>(root);
+    }());
+    Matrix<HighPrecision> L;
+    ASSERT_TRUE(detail::cholesky(exact<HighPrecision>(s.P), L).done);
+    root.initial = detail::round_to_double(L);
+    const AnyProblem<double> problem = root;
+
+    const double u = 0x1p-53, unit = u * static_cast<double>(d.n + d.m + d.p);
+    const double a = two_norm(model.A), c = two_norm(model.C), size = two_norm(s.P);
+    // S0 and s.P are rounded once, entry by entry; n for ||X||_F against the entries
+    const double E = 4 * u * static_cast<double>(d.n) * (1 + a * a) * size;
+    const auto worst = [&](InitialCovariance kind, const Matrix<double>& S0) {
+      Trajectory trajectory(problem, nullptr);
+      ChandrasekharFilter<double> filter(d);
+      filter.start(S0, root.x0, kind);
+      double result = 0, of_P = E, local = 0;
+      for (int k = 0; k < 40; ++k) {
+        trajectory.advance();
+        EXPECT_TRUE(filter.step(model));
+        EXPECT_EQ(filter.growing(), 0);
+        const Truth& t = trajectory.truth();
+        const double re = two_norm(t.innovation), re_inverse = t.innovation_condition / re;
+        const double root_next = std::sqrt(two_norm(t.P_next));
+        // theory (4.2); what rounding does to G and Re^{1/2} stays there, so it adds up
+        local += unit * filter.rotation_condition() * std::sqrt(re_inverse) *
+                 ((std::sqrt(t.innovation_condition) + 1 / t.cosine) * root_next + re * two_norm(t.predictor_gain));
+        const double f = two_norm(t.closed_loop);
+        const double bound = f * of_P * c * re_inverse + 30 * local;
+        of_P = f * f * of_P + E;
+        result = std::max(result, (filter.predictor_gain() - t.predictor_gain).norm() / bound);
+      }
+      return result;
+    };
+    EXPECT_LE(worst(InitialCovariance::stationary, root.initial), 1);
+    // The flag is believed: with a P0 that is not stationary the gain is another filter's.
+    EXPECT_GT(worst(InitialCovariance::stationary, Matrix<double>(2 * root.initial)), 1e6);
+  }
 }
 
 TEST(SpectralRadius, KnownOnes) {

@@ -1,21 +1,23 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <random>
+#include <stdexcept>
 #include <utility>
 #include <vector>
 
-
-
 #include <kfstab/filters/problem.hpp>
+#include <kfstab/reference/high_precision.hpp>
+#include <kfstab/reference/exact_filter.hpp>
 #include <kfstab/reference/rational.hpp>
+#include <kfstab/reference/trajectory.hpp>
 
-/// What the tests of the reference share: systems with few bits, data from a list, and an independent Riccati step in
-/// rational numbers, by other formulas and without a rounding anywhere.
+/// What the tests of the reference share: systems with few bits, data from a list, and the exact filter's numbers
+/// beside those of the trajectory.
 namespace kfstab::reference::testing {
 
-using Rationals = std::vector<std::vector<Rational>>;
 /// More digits than the reference needs for anything compared with it here.
 using Wide = Real<200>;
 
@@ -97,92 +99,75 @@ class ListedData final : public Data {
   mutable int opened_ = 0;
 };
 
+/// The same of exact numbers.
+class ExactListedData final : public ExactData {
+ public:
+  explicit ExactListedData(std::vector<StepDataOf<Rational>> steps) : steps_(std::move(steps)) {}
+  std::unique_ptr<DataStreamOf<Rational>> open() const override { return std::make_unique<Stream>(steps_); }
+
+ private:
+  class Stream final : public DataStreamOf<Rational> {
+   public:
+    explicit Stream(const std::vector<StepDataOf<Rational>>& steps) : steps_(&steps) {}
+    const StepDataOf<Rational>& next() override { return steps_->at(at_++); }
+
+   private:
+    const std::vector<StepDataOf<Rational>>* steps_;
+    std::size_t at_ = 0;
+  };
+
+  std::vector<StepDataOf<Rational>> steps_;
+};
+
 inline std::shared_ptr<ListedData> random_data(std::mt19937_64& random, Index p, Index inputs, int steps) {
   std::vector<StepData> list;
   for (int k = 0; k < steps; ++k) list.push_back({few_bits(random, p, 1), few_bits(random, inputs, 1)});
   return std::make_shared<ListedData>(std::move(list));
 }
 
-// ---- rational numbers ----
-
-inline Rationals rationals(const Matrix<double>& X) {
-  Rationals Y(static_cast<std::size_t>(X.rows()), std::vector<Rational>(static_cast<std::size_t>(X.cols())));
-  for (std::size_t i = 0; i < Y.size(); ++i)
-    for (std::size_t j = 0; j < Y[i].size(); ++j) Y[i][j] = Rational(X(static_cast<Index>(i), static_cast<Index>(j)));
-  return Y;
-}
-
-inline std::size_t columns(const Rationals& X) { return X.empty() ? 0 : X.front().size(); }
-
-inline Rationals times(const Rationals& X, const Rationals& Y, std::size_t cols) {
-  Rationals Z(X.size(), std::vector<Rational>(cols));
-  for (std::size_t i = 0; i < X.size(); ++i)
-    for (std::size_t j = 0; j < cols; ++j)
-      for (std::size_t l = 0; l < Y.size(); ++l) Z[i][j] += X[i][l] * Y[l][j];
-  return Z;
-}
-inline Rationals times(const Rationals& X, const Rationals& Y) { return times(X, Y, columns(Y)); }
-
-inline Rationals plus(Rationals X, const Rationals& Y, const Rational& factor = 1) {
-  for (std::size_t i = 0; i < X.size(); ++i)
-    for (std::size_t j = 0; j < X[i].size(); ++j) X[i][j] += factor * Y[i][j];
-  return X;
-}
-
-inline Rationals transposed(const Rationals& X, std::size_t cols) {
-  Rationals Y(cols, std::vector<Rational>(X.size()));
-  for (std::size_t i = 0; i < X.size(); ++i)
-    for (std::size_t j = 0; j < cols; ++j) Y[j][i] = X[i][j];
-  return Y;
-}
-
-inline Rationals inverse(Rationals X) {
-  const std::size_t n = X.size();
-  Rationals Y(n, std::vector<Rational>(n));
-  for (std::size_t i = 0; i < n; ++i) Y[i][i] = 1;
-  for (std::size_t k = 0; k < n; ++k) {
-    std::size_t pivot = k;
-    while (X.at(pivot)[k] == 0) ++pivot;
-    std::swap(X[k], X[pivot]);
-    std::swap(Y[k], Y[pivot]);
-    const Rational d = X[k][k];
-    for (std::size_t j = 0; j < n; ++j) {
-      X[k][j] /= d;
-      Y[k][j] /= d;
-    }
-    for (std::size_t i = 0; i < n; ++i) {
-      if (i == k) continue;
-      const Rational f = X[i][k];
-      for (std::size_t j = 0; j < n; ++j) {
-        X[i][j] -= f * X[k][j];
-        Y[i][j] -= f * Y[k][j];
-      }
-    }
-  }
-  return Y;
-}
-
-/// The textbook recursion, P_{k|k} = P - P C' Re^{-1} C P, exact.
-struct RationalFilter {
-  Rationals P, x;  // predicted
-  Rationals P_filtered, Re, K, Kf, x_filtered;
-
-  void step(const CovarianceModel<double>& model, const Vector<double>& y, const Vector<double>& input) {
-    const auto n = static_cast<std::size_t>(model.A.rows()), p = static_cast<std::size_t>(model.C.rows()),
-               m = static_cast<std::size_t>(model.B.cols());
-    const Rationals A = rationals(model.A), B = rationals(model.B), C = rationals(model.C);
-    const Rationals PC = times(P, transposed(C, n), p);
-    Re = plus(times(C, PC, p), rationals(model.R));
-    Kf = times(PC, inverse(Re), p);
-    K = times(A, Kf, p);
-    P_filtered = plus(P, times(Kf, transposed(PC, p), n), -1);
-    P = plus(times(times(A, P_filtered, n), transposed(A, n), n),
-             times(times(B, rationals(model.Q), m), transposed(B, m), n));
-    const Rationals innovation = plus(rationals(y), times(C, x, 1), -1);
-    x_filtered = plus(x, times(Kf, innovation, 1));
-    x = plus(times(A, x_filtered, 1), times(rationals(model.D), rationals(input), 1));
-  }
+/// A model whose information form is exact: unit triangular matrices have exact inverses.
+struct ExactInformation {
+  Problem<InformationModel<double>> information;
+  Problem<CovarianceModel<double>> covariance;
 };
+
+inline ExactInformation exact_information() {
+  const Matrix<double> A = matrix(2, 2, {1, 0.5, 0, 1}), A_inverse = matrix(2, 2, {1, -0.5, 0, 1});
+  const Matrix<double> B = matrix(2, 2, {0.25, 1, 0.5, -0.75});
+  const Matrix<double> U = matrix(2, 2, {1, 3, 0, 2}), U_inverse = matrix(2, 2, {1, -1.5, 0, 0.5});
+  ExactInformation both;
+  InformationModel<double> information;
+  information.A_inverse = A_inverse;
+  information.A_inverse_B = A_inverse.lazyProduct(B);
+  information.C = matrix(2, 2, {1, 0.25, 0.5, 2});
+  information.D = matrix(2, 1, {0.5, 0.125});
+  information.Q_inverse_root = U;
+  information.R_inverse_root = matrix(2, 2, {4, 1, 0, 0.5});
+  information.w_mean = Vector<double>(matrix(2, 1, {0.75, -0.5}));
+  // Never read
+  information.Q_inverse_root(1, 0) = information.R_inverse_root(1, 0) = std::numeric_limits<double>::quiet_NaN();
+  both.information.models = {information};
+  both.information.initial = U;
+  both.information.x0 = Vector<double>(matrix(2, 1, {1, -2}));
+
+  CovarianceModel<double> covariance;
+  covariance.A = A;
+  covariance.B = B;
+  covariance.C = information.C;
+  // B E w as one more known input
+  covariance.D = Matrix<double>(2, 2);
+  covariance.D.col(0) = information.D;
+  covariance.D.col(1) = B.lazyProduct(information.w_mean);
+  covariance.Q = product_of(U_inverse);
+  const Matrix<double> R_root_inverse = matrix(2, 2, {0.25, -0.5, 0, 2});
+  covariance.R = product_of(R_root_inverse);
+  both.covariance.models = {covariance};
+  both.covariance.initial = product_of(U_inverse);
+  both.covariance.x0 = both.information.x0;
+  return both;
+}
+
+// ---- rational numbers ----
 
 /// A rational in 200 digits.
 inline Wide wide(const Rational& q) { return Wide(numerator(q)) / Wide(denominator(q)); }
@@ -191,19 +176,49 @@ inline Wide wide(const Rational& q) { return Wide(numerator(q)) / Wide(denominat
 inline double nearest(const Rational& q) { return round_to_double(wide(q)); }
 
 /// ||sum - truth||_F / ||truth||_F of an expansion in doubles, in 200 digits.
-inline Wide relative_distance(const std::vector<Matrix<double>>& sum, const Rationals& truth) {
+inline Wide relative_distance(const std::vector<Matrix<double>>& sum, const Matrix<Rational>& truth) {
   Wide distance = 0, size = 0;
-  for (std::size_t i = 0; i < truth.size(); ++i)
-    for (std::size_t j = 0; j < truth[i].size(); ++j) {
-      const Wide t = wide(truth[i][j]);
+  for (Index j = 0; j < truth.cols(); ++j)
+    for (Index i = 0; i < truth.rows(); ++i) {
+      const Wide t = wide(truth(i, j));
       Wide d = -t;
-      for (const auto& term : sum) d += term(static_cast<Index>(i), static_cast<Index>(j));
+      for (const auto& term : sum) d += term(i, j);
       distance += d * d;
       size += t * t;
     }
   if (distance == 0) return 0;
   return sqrt(Wide(distance / size));
 }
+
+/// What Trajectory and Enclosure call so; of rational ones, hence not the log-likelihood.
+inline Matrix<Rational> exact_quantity(const ExactStep& step, Quantity quantity) {
+  switch (quantity) {
+    case Quantity::P_predicted: return step.P_predicted;
+    case Quantity::P_filtered: return step.P_filtered;
+    case Quantity::P_next: return step.P_next;
+    case Quantity::innovation: return step.innovation;
+    case Quantity::predictor_gain: return step.predictor_gain;
+    case Quantity::filter_gain: return step.filter_gain;
+    case Quantity::x_predicted: return step.x_predicted;
+    case Quantity::x_filtered: return step.x_filtered;
+    case Quantity::x_next: return step.x_next;
+    case Quantity::log_likelihood: break;
+  }
+  throw std::logic_error("a log-likelihood is not rational");
+}
+
+/// What the step adds to it, in 200 digits.
+inline Wide log_likelihood(const ExactStep& step) {
+  const auto p = static_cast<int>(step.innovation.rows());
+  return -Wide(p * log(Wide(8 * atan(Wide(1)))) + log(wide(step.innovation_determinant)) +
+               wide(step.weighted_innovation)) /
+         2;
+}
+
+inline constexpr Quantity rational_quantities[] = {
+    Quantity::P_predicted,    Quantity::P_filtered,  Quantity::P_next,      Quantity::innovation,
+    Quantity::predictor_gain, Quantity::filter_gain, Quantity::x_predicted, Quantity::x_filtered,
+    Quantity::x_next};
 
 /// 10^-digits
 inline Wide to_digits(int digits) { return pow(Wide(10), -digits); }

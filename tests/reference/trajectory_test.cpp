@@ -4,6 +4,8 @@
 
 #include <gtest/gtest.h>
 
+#include <kfstab/reference/closed_forms.hpp>
+#include <kfstab/reference/detail/elimination.hpp>
 #include <kfstab/reference/rational.hpp>
 #include <kfstab/reference/trajectory.hpp>
 
@@ -26,23 +28,6 @@ AnyProblem<double> dyer_mcreynolds(int j) {
   return Problem<CovarianceModel<double>>{{model}, Matrix<double>::Identity(3, 3), Vector<double>::Zero(3)};
 }
 
-/// The first step in closed form, entry by entry in rationals.
-Rationals dyer_mcreynolds_P(const Rational& d) {
-  const Rational a = 5 + 2 * d * (1 + d), b = -2 - d, c = 4 + d * d, scale = 8 + 2 * d * (1 + d);
-  Rationals P{{a, -3, b}, {-3, a, b}, {b, b, c}};
-  for (auto& row : P)
-    for (auto& entry : row) entry /= scale;
-  return P;
-}
-
-Rationals dyer_mcreynolds_K(const Rational& d) {
-  const Rational scale = 2 * d * (d * d + d + 4);
-  Rationals K{{2 * d + 1, d - 1}, {2 * d + 1, d - 1}, {d - 2, d * d + d + 2}};
-  for (auto& row : K)
-    for (auto& entry : row) entry /= scale;
-  return K;
-}
-
 TEST(Trajectory, ClosedFormsOfDyerAndMcReynoldsToAllCertifiedDigits) {
   bool climbed = false;
   for (int j = 2; j <= 50; ++j) {
@@ -54,19 +39,17 @@ TEST(Trajectory, ClosedFormsOfDyerAndMcReynoldsToAllCertifiedDigits) {
     EXPECT_GE(digits, 30);
     // Certified at the lower precision; the higher run, which is read, is right to at least that.
     const Wide tolerance = to_digits(std::min(digits, 60));
-    const Rational d(std::ldexp(1.0, -j));
-    EXPECT_LE(relative_distance(trajectory.expansion(Quantity::P_next, terms), dyer_mcreynolds_P(d)), tolerance);
-    EXPECT_LE(relative_distance(trajectory.expansion(Quantity::P_filtered, terms), dyer_mcreynolds_P(d)), tolerance);
-    EXPECT_LE(relative_distance(trajectory.expansion(Quantity::filter_gain, terms), dyer_mcreynolds_K(d)), tolerance);
-    EXPECT_LE(relative_distance(trajectory.expansion(Quantity::predictor_gain, terms), dyer_mcreynolds_K(d)),
-              tolerance);
+    const DyerMcReynolds form{Rational(std::ldexp(1.0, -j))};
+    const Matrix<Rational> P = form.P(), K = form.gain();
+    EXPECT_LE(relative_distance(trajectory.expansion(Quantity::P_next, terms), P), tolerance);
+    EXPECT_LE(relative_distance(trajectory.expansion(Quantity::P_filtered, terms), P), tolerance);
+    EXPECT_LE(relative_distance(trajectory.expansion(Quantity::filter_gain, terms), K), tolerance);
+    EXPECT_LE(relative_distance(trajectory.expansion(Quantity::predictor_gain, terms), K), tolerance);
     for (Index r = 0; r < 3; ++r) {
       for (Index c = 0; c < 3; ++c)
-        EXPECT_EQ(trajectory.truth().P_next(r, c),
-                  nearest(dyer_mcreynolds_P(d)[static_cast<std::size_t>(r)][static_cast<std::size_t>(c)]));
+        EXPECT_EQ(trajectory.truth().P_next(r, c), nearest(P(r, c)));
       for (Index c = 0; c < 2; ++c)
-        EXPECT_EQ(trajectory.truth().filter_gain(r, c),
-                  nearest(dyer_mcreynolds_K(d)[static_cast<std::size_t>(r)][static_cast<std::size_t>(c)]));
+        EXPECT_EQ(trajectory.truth().filter_gain(r, c), nearest(K(r, c)));
     }
     climbed = climbed || trajectory.working_digits() > 100;
   }
@@ -120,29 +103,23 @@ TEST_P(Random, AgreesWithRationalRecursion) {
 
   const AnyProblem<double> from_covariance = covariance, from_root = dirty;
   Trajectory a(from_covariance, data), b(from_root, data);
-  RationalFilter rational{rationals(covariance.initial), rationals(covariance.x0), {}, {}, {}, {}, {}};
-  const auto stream = data->open();
+  ExactFilter exact(exact_problem(from_covariance), exact_data(from_covariance, data));
   for (int k = 0; k < steps; ++k) {
     SCOPED_TRACE(k);
-    const StepData now = stream->next();
-    const Rationals P_predicted = rational.P;
-    rational.step(covariance.model(k), now.y, now.u);
+    exact.advance();
     for (Trajectory* trajectory : {&a, &b}) {
       trajectory->advance();
       EXPECT_EQ(trajectory->k(), k);
       EXPECT_GE(trajectory->certified_digits(), 30);
       const Wide tolerance = to_digits(std::min(trajectory->certified_digits(), 60));
-      EXPECT_LE(relative_distance(trajectory->expansion(Quantity::P_predicted, terms), P_predicted), tolerance);
-      EXPECT_LE(relative_distance(trajectory->expansion(Quantity::P_filtered, terms), rational.P_filtered), tolerance);
-      EXPECT_LE(relative_distance(trajectory->expansion(Quantity::P_next, terms), rational.P), tolerance);
-      EXPECT_LE(relative_distance(trajectory->expansion(Quantity::innovation, terms), rational.Re), tolerance);
-      EXPECT_LE(relative_distance(trajectory->expansion(Quantity::predictor_gain, terms), rational.K), tolerance);
-      EXPECT_LE(relative_distance(trajectory->expansion(Quantity::filter_gain, terms), rational.Kf), tolerance);
+      for (const Quantity quantity : rational_quantities)
+        EXPECT_LE(relative_distance(trajectory->expansion(quantity, terms), exact_quantity(exact.step(), quantity)),
+                  tolerance)
+            << static_cast<int>(quantity);
       // Rounded once: the nearest double, however often the recursion rounded.
       for (Index i = 0; i < d.n; ++i) {
-        const auto row = static_cast<std::size_t>(i);
-        EXPECT_EQ(trajectory->truth().x_filtered(i), nearest(rational.x_filtered[row][0]));
-        EXPECT_EQ(trajectory->truth().x_next(i), nearest(rational.x[row][0]));
+        EXPECT_EQ(trajectory->truth().x_filtered(i), nearest(exact.step().x_filtered(i)));
+        EXPECT_EQ(trajectory->truth().x_next(i), nearest(exact.step().x_next(i)));
       }
     }
   }
@@ -153,48 +130,6 @@ INSTANTIATE_TEST_SUITE_P(Sizes, Random,
                                            Case{{4, 2, 1}, 1}, Case{{2, 3, 3}, 1}, Case{{3, 2, 2}, 2},
                                            Case{{2, 1, 2}, 4}, Case{{3, 0, 1}, 1}, Case{{3, 2, 0}, 1},
                                            Case{{2, 0, 0}, 1}, Case{{0, 0, 0}, 1}, Case{{0, 1, 1}, 1}));
-
-/// A model whose information form is exact: unit triangular matrices have exact inverses.
-struct ExactInformation {
-  Problem<InformationModel<double>> information;
-  Problem<CovarianceModel<double>> covariance;
-};
-
-ExactInformation exact_information() {
-  const Matrix<double> A = matrix(2, 2, {1, 0.5, 0, 1}), A_inverse = matrix(2, 2, {1, -0.5, 0, 1});
-  const Matrix<double> B = matrix(2, 2, {0.25, 1, 0.5, -0.75});
-  const Matrix<double> U = matrix(2, 2, {1, 3, 0, 2}), U_inverse = matrix(2, 2, {1, -1.5, 0, 0.5});
-  ExactInformation both;
-  InformationModel<double> information;
-  information.A_inverse = A_inverse;
-  information.A_inverse_B = A_inverse.lazyProduct(B);
-  information.C = matrix(2, 2, {1, 0.25, 0.5, 2});
-  information.D = matrix(2, 1, {0.5, 0.125});
-  information.Q_inverse_root = U;
-  information.R_inverse_root = matrix(2, 2, {4, 1, 0, 0.5});
-  information.w_mean = Vector<double>(matrix(2, 1, {0.75, -0.5}));
-  // Never read
-  information.Q_inverse_root(1, 0) = information.R_inverse_root(1, 0) = std::numeric_limits<double>::quiet_NaN();
-  both.information.models = {information};
-  both.information.initial = U;
-  both.information.x0 = Vector<double>(matrix(2, 1, {1, -2}));
-
-  CovarianceModel<double> covariance;
-  covariance.A = A;
-  covariance.B = B;
-  covariance.C = information.C;
-  // B E w as one more known input
-  covariance.D = Matrix<double>(2, 2);
-  covariance.D.col(0) = information.D;
-  covariance.D.col(1) = B.lazyProduct(information.w_mean);
-  covariance.Q = product_of(U_inverse);
-  const Matrix<double> R_root_inverse = matrix(2, 2, {0.25, -0.5, 0, 2});
-  covariance.R = product_of(R_root_inverse);
-  both.covariance.models = {covariance};
-  both.covariance.initial = product_of(U_inverse);
-  both.covariance.x0 = both.information.x0;
-  return both;
-}
 
 TEST(Trajectory, InformationProblemIsTheSameSystemAsItsCovarianceProblem) {
   const ExactInformation both = exact_information();
@@ -207,21 +142,23 @@ TEST(Trajectory, InformationProblemIsTheSameSystemAsItsCovarianceProblem) {
   }
   const AnyProblem<double> information = both.information;
   Trajectory trajectory(information, std::make_shared<ListedData>(information_data));
-  RationalFilter rational{rationals(both.covariance.initial), rationals(both.covariance.x0), {}, {}, {}, {}, {}};
-  for (std::size_t k = 0; k < 5; ++k) {
+  const AnyProblem<double> covariance = both.covariance;
+  ExactFilter exact(exact_problem(covariance), exact_data(covariance, std::make_shared<ListedData>(covariance_data)));
+  for (int k = 0; k < 5; ++k) {
     trajectory.advance();
-    rational.step(both.covariance.models[0], covariance_data[k].y, covariance_data[k].u);
+    exact.advance();
+    const ExactStep& step = exact.step();
     const Wide tolerance = to_digits(std::min(trajectory.certified_digits(), 60));
-    EXPECT_LE(relative_distance(trajectory.expansion(Quantity::P_filtered, terms), rational.P_filtered), tolerance);
-    EXPECT_LE(relative_distance(trajectory.expansion(Quantity::P_next, terms), rational.P), tolerance);
-    EXPECT_LE(relative_distance(trajectory.expansion(Quantity::predictor_gain, terms), rational.K), tolerance);
-    const Rationals Y = inverse(rational.P_filtered);
+    EXPECT_LE(relative_distance(trajectory.expansion(Quantity::P_filtered, terms), step.P_filtered), tolerance);
+    EXPECT_LE(relative_distance(trajectory.expansion(Quantity::P_next, terms), step.P_next), tolerance);
+    EXPECT_LE(relative_distance(trajectory.expansion(Quantity::predictor_gain, terms), step.predictor_gain), tolerance);
+    Matrix<Rational> Y = detail::unit<Rational>(2);
+    Rational determinant;
+    ASSERT_TRUE(detail::solve(step.P_filtered, Y, determinant, [](const Rational& x) { return x > 0; }, true));
     for (Index i = 0; i < 2; ++i) {
-      const auto row = static_cast<std::size_t>(i);
-      EXPECT_EQ(trajectory.truth().x_filtered(i), nearest(rational.x_filtered[row][0])) << k;
-      EXPECT_EQ(trajectory.truth().x_next(i), nearest(rational.x[row][0])) << k;
-      for (Index j = 0; j < 2; ++j)
-        EXPECT_EQ(trajectory.truth().information(i, j), nearest(Y[row][static_cast<std::size_t>(j)]));
+      EXPECT_EQ(trajectory.truth().x_filtered(i), nearest(step.x_filtered(i))) << k;
+      EXPECT_EQ(trajectory.truth().x_next(i), nearest(step.x_next(i))) << k;
+      for (Index j = 0; j < 2; ++j) EXPECT_EQ(trajectory.truth().information(i, j), nearest(Y(i, j)));
     }
     EXPECT_GT(trajectory.truth().information_amplification, 2);
   }
@@ -284,7 +221,7 @@ TEST(Trajectory, ASmallPrecisionCertifiesNoMoreThanItHas) {
   EXPECT_LE(trajectory.certified_digits(), 57 - 28);
   EXPECT_GE(trajectory.certified_digits(), 1);
   const Wide error = relative_distance(trajectory.expansion(Quantity::filter_gain, terms),
-                                       dyer_mcreynolds_K(Rational(std::ldexp(1.0, -50))));
+                                       DyerMcReynolds(Rational(std::ldexp(1.0, -50))).gain());
   EXPECT_LE(error, to_digits(trajectory.certified_digits()));
   EXPECT_GE(error, to_digits(76));  // read from the run of 76 digits, of which k(Re) has its share too
 }
@@ -403,12 +340,12 @@ TEST(Trajectory, MoreDigitsOnRequest) {
 // ---- beyond double ----
 
 TEST(Trajectory, DecimalsAreTheDigitsThatAreCertified) {
-  const Rational d(std::ldexp(1.0, -40));
   const AnyProblem<double> problem = dyer_mcreynolds(40);
   Trajectory trajectory(problem, nullptr, {40});
   trajectory.advance();
   const auto P = trajectory.decimals(Quantity::P_next, 40), K = trajectory.decimals(Quantity::filter_gain, 12);
-  const Rationals P_true = dyer_mcreynolds_P(d), K_true = dyer_mcreynolds_K(d);
+  const DyerMcReynolds form{Rational(std::ldexp(1.0, -40))};
+  const Matrix<Rational> P_true = form.P(), K_true = form.gain();
   const auto expect_right = [](const std::string& text, const Rational& truth, std::size_t digits) {
     const auto exponent = text.find('e');
     const std::string mantissa = text.substr(0, exponent);
@@ -421,8 +358,9 @@ TEST(Trajectory, DecimalsAreTheDigitsThatAreCertified) {
     EXPECT_LE(abs(Wide(Wide(text) - wide(truth))), unit) << text;
   };
   for (std::size_t i = 0; i < 3; ++i) {
-    for (std::size_t j = 0; j < 3; ++j) expect_right(P[i][j], P_true[i][j], 40);
-    for (std::size_t j = 0; j < 2; ++j) expect_right(K[i][j], K_true[i][j], 12);
+    const auto row = static_cast<Index>(i);
+    for (std::size_t j = 0; j < 3; ++j) expect_right(P[i][j], P_true(row, static_cast<Index>(j)), 40);
+    for (std::size_t j = 0; j < 2; ++j) expect_right(K[i][j], K_true(row, static_cast<Index>(j)), 12);
   }
   EXPECT_GE(trajectory.certified_digits(Quantity::P_next), 40);
   EXPECT_TRUE(trajectory.decimals(Quantity::x_next, 40).empty());
