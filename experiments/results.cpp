@@ -103,7 +103,9 @@ std::string run_json(const std::vector<SystemRun>& runs) {
     object["steps"] = r.steps_done;
     object["steps_asked"] = r.steps_asked;
     object["interrupted"] = r.interrupted;
-    object["reference"] = {{"certified_digits", r.certified_digits}, {"working_digits", r.working_digits}};
+    object["reference"] = {{"trajectories", r.trajectories},
+                           {"certified_digits", r.certified_digits},
+                           {"working_digits", r.working_digits}};
     if (r.reference_error) object["reference"]["error"] = *r.reference_error;
     object["filters"] = json::array();
     for (const FilterRun& f : r.filters) object["filters"].push_back(filter_json(f));
