@@ -8,6 +8,7 @@
 #include <kfstab/experiments/context.hpp>
 #include <kfstab/filters/registry.hpp>
 #include <kfstab/filters/step_report.hpp>
+#include <kfstab/properties/data.hpp>
 #include <kfstab/reports/number.hpp>
 
 namespace kfstab::experiments {
@@ -150,6 +151,30 @@ std::string claims_json(const std::vector<ClaimResult>& results, const std::map<
     root["claims"].push_back(std::move(object));
   }
   return root.dump(1) + "\n";
+}
+
+std::string reference_json_before_steps(const properties::System& system, int digits) {
+  const auto* simulated = dynamic_cast<const properties::Simulated*>(system.data.get());
+  const auto d = system.dimensions();
+  json root{{"schema", "kfstab.reference/1"}, {"context", context_json()}};
+  root["system"] = {{"name", system.name},
+                    {"description", system.description},
+                    {"source", system.source},
+                    {"n", d.n},
+                    {"m", d.m},
+                    {"p", d.p},
+                    {"parameters", system.parameters},
+                    {"seed", simulated ? json(simulated->seed()) : json()}};
+  root["digits"] = digits;
+  std::string text = root.dump(1);
+  text.erase(text.rfind("\n}"));
+  return text + ",\n \"steps\": [";
+}
+
+std::string reference_json_after_steps(const properties::System& system, const ReferenceOutcome& outcome) {
+  json rest{{"steps_asked", system.steps}, {"interrupted", outcome.interrupted}};
+  if (outcome.error) rest["error"] = *outcome.error;
+  return "\n ],\n" + rest.dump(1).substr(2) + "\n";
 }
 
 std::string list_json(const std::string& what) {
