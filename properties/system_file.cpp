@@ -396,7 +396,7 @@ class Reader {
       for (Index j = 0; j < i; ++j)
         if (exact(i, j) != exact(j, i))
           refuse_asymmetric(node, field, i, j, exact(i, j).str() + " exactly", exact(j, i).str() + " exactly");
-    if (written_exactly(read, 0) && !reference::is_positive_semidefinite(exact))
+    if (written_exactly(read, 0) && !reference::no_negative_eigenvalue(exact))
       refuse(node, field, "a matrix with a negative eigenvalue, by its exact entries",
              "a positive semidefinite matrix");
   }

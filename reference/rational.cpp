@@ -50,7 +50,7 @@ Matrix<Rational> product_of_root(const Matrix<Rational>& L) {
   return X;
 }
 
-bool is_positive_semidefinite(const Matrix<Rational>& X) {
+bool no_negative_eigenvalue(const Matrix<Rational>& X) {
   const Index n = X.rows();
   Matrix<Rational> rest = X;  // the Schur complement that is left
   for (Index k = 0; k < n; ++k) {

@@ -38,6 +38,6 @@ Matrix<Rational> product(const Matrix<Rational>& X, const Matrix<Rational>& Y);
 Matrix<Rational> product_of_root(const Matrix<Rational>& L);
 
 /// Whether no eigenvalue is negative, decided exactly by LDL' of the lower triangle.
-bool is_positive_semidefinite(const Matrix<Rational>& X);
+bool no_negative_eigenvalue(const Matrix<Rational>& X);
 
 }  // namespace kfstab::reference

@@ -70,13 +70,13 @@ TEST(Rational, DefinitenessIsExact) {
     return X;
   };
   const Rational third = Rational(1) / 3, least = power_of_two(-2000);
-  EXPECT_TRUE(is_positive_semidefinite(Matrix<Rational>(0, 0)));
-  EXPECT_TRUE(is_positive_semidefinite(matrix(third * third, third, 1)));
-  EXPECT_TRUE(is_positive_semidefinite(matrix(third * third, third, 1 + least)));
-  EXPECT_FALSE(is_positive_semidefinite(matrix(third * third, third, 1 - least)));
-  EXPECT_TRUE(is_positive_semidefinite(matrix(0, 0, third)));
-  EXPECT_FALSE(is_positive_semidefinite(matrix(0, least, third)));
-  EXPECT_FALSE(is_positive_semidefinite(matrix(third, 0, -least)));
+  EXPECT_TRUE(no_negative_eigenvalue(Matrix<Rational>(0, 0)));
+  EXPECT_TRUE(no_negative_eigenvalue(matrix(third * third, third, 1)));
+  EXPECT_TRUE(no_negative_eigenvalue(matrix(third * third, third, 1 + least)));
+  EXPECT_FALSE(no_negative_eigenvalue(matrix(third * third, third, 1 - least)));
+  EXPECT_TRUE(no_negative_eigenvalue(matrix(0, 0, third)));
+  EXPECT_FALSE(no_negative_eigenvalue(matrix(0, least, third)));
+  EXPECT_FALSE(no_negative_eigenvalue(matrix(third, 0, -least)));
 }
 
 TEST(Rational, ProductOfARootReadsTheLowerTriangle) {
