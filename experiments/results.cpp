@@ -8,6 +8,7 @@
 #include <kfstab/experiments/context.hpp>
 #include <kfstab/filters/registry.hpp>
 #include <kfstab/filters/step_report.hpp>
+#include <kfstab/properties/data.hpp>
 #include <kfstab/reports/number.hpp>
 
 namespace kfstab::experiments {
@@ -104,7 +105,9 @@ std::string run_json(const std::vector<SystemRun>& runs) {
     object["steps"] = r.steps_done;
     object["steps_asked"] = r.steps_asked;
     object["interrupted"] = r.interrupted;
-    object["reference"] = {{"certified_digits", r.certified_digits}, {"working_digits", r.working_digits}};
+    object["reference"] = {{"trajectories", r.trajectories},
+                           {"certified_digits", r.certified_digits},
+                           {"working_digits", r.working_digits}};
     if (r.reference_error) object["reference"]["error"] = *r.reference_error;
     object["analysis"] = {{"gamma", series(r.analysis.gamma)},
                           {"log10_amplification", series(r.analysis.log10_amplification)},
@@ -153,6 +156,30 @@ std::string claims_json(const std::vector<ClaimResult>& results, const std::map<
     root["claims"].push_back(std::move(object));
   }
   return root.dump(1) + "\n";
+}
+
+std::string reference_json_before_steps(const properties::System& system, int digits) {
+  const auto* simulated = dynamic_cast<const properties::Simulated*>(system.data.get());
+  const auto d = system.dimensions();
+  json root{{"schema", "kfstab.reference/1"}, {"context", context_json()}};
+  root["system"] = {{"name", system.name},
+                    {"description", system.description},
+                    {"source", system.source},
+                    {"n", d.n},
+                    {"m", d.m},
+                    {"p", d.p},
+                    {"parameters", system.parameters},
+                    {"seed", simulated ? json(simulated->seed()) : json()}};
+  root["digits"] = digits;
+  std::string text = root.dump(1);
+  text.erase(text.rfind("\n}"));
+  return text + ",\n \"steps\": [";
+}
+
+std::string reference_json_after_steps(const properties::System& system, const ReferenceOutcome& outcome) {
+  json rest{{"steps_asked", system.steps}, {"interrupted", outcome.interrupted}};
+  if (outcome.error) rest["error"] = *outcome.error;
+  return "\n ],\n" + rest.dump(1).substr(2) + "\n";
 }
 
 std::string list_json(const std::string& what) {

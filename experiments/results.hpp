@@ -5,9 +5,10 @@
 #include <vector>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/reference_steps.hpp>
 #include <kfstab/experiments/run.hpp>
 
-/// Results as JSON, for programs. docs/results.md describes both schemas. Numbers that are not finite are null, with the
+/// Results as JSON, for programs. docs/results.md describes the schemas. Numbers that are not finite are null, with the
 /// word ("nan", "inf", "-inf") beside them.
 namespace kfstab::experiments {
 
@@ -16,6 +17,11 @@ std::string run_json(const std::vector<SystemRun>& runs);
 
 /// Schema kfstab.claims/1. parameters: what was set for all.
 std::string claims_json(const std::vector<ClaimResult>& results, const std::map<std::string, double>& parameters);
+
+/// Schema kfstab.reference/1 but for its steps, which are too many to be held: what stands before them, the opening bracket
+/// included, and what after.
+std::string reference_json_before_steps(const properties::System& system, int digits);
+std::string reference_json_after_steps(const properties::System& system, const ReferenceOutcome& outcome);
 
 /// Schema kfstab.list/1: the systems, filters and claims that there are, or those of `what`.
 std::string list_json(const std::string& what);

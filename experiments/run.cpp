@@ -1,9 +1,11 @@
 #include <kfstab/experiments/run.hpp>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <ranges>
 #include <variant>
 
 #include <fmt/core.h>
@@ -13,6 +15,7 @@
 #include <kfstab/properties/data.hpp>
 #include <kfstab/reference/bounds.hpp>
 #include <kfstab/reference/error_analysis.hpp>
+#include <kfstab/reference/same_numbers.hpp>
 #include <kfstab/reference/trajectory.hpp>
 
 namespace kfstab::experiments {
@@ -25,7 +28,7 @@ using reference::Trajectory;
 /// The numbers of one parametrisation, and the truth about them: shared by all filters that take it.
 struct Course {
   std::variant<AnyProblem<double>, properties::Refusal> problem;
-  std::optional<Trajectory> truth;
+  Trajectory* truth = nullptr;
 
   const AnyProblem<double>* numbers() const { return std::get_if<AnyProblem<double>>(&problem); }
 };
@@ -121,6 +124,27 @@ double time_step(const Metadata& metadata, const AnyProblem<double>& problem, co
   return best;
 }
 
+/// The truth about each course: one trajectory for all whose numbers are the same.
+std::vector<std::unique_ptr<Trajectory>> trajectories(std::map<Parametrisation, Course>& courses,
+                                                      const std::shared_ptr<const Data>& data, int digits) {
+  std::vector<std::unique_ptr<Trajectory>> made;
+  std::vector<const Course*> with_own;
+  // That of an information problem first: it alone knows P^{-1}, and everything else as well.
+  for (auto& [parametrisation, course] : courses | std::views::reverse) {
+    if (!course.numbers()) continue;
+    const auto same = std::ranges::find_if(
+        with_own, [&](const Course* other) { return reference::same_numbers(*course.numbers(), *other->numbers()); });
+    if (same == with_own.end()) {
+      made.push_back(std::make_unique<Trajectory>(*course.numbers(), data, reference::Request{.digits = digits}));
+      with_own.push_back(&course);
+      course.truth = made.back().get();
+    } else {
+      course.truth = (*same)->truth;
+    }
+  }
+  return made;
+}
+
 }  // namespace
 
 SystemRun run(const properties::System& system, const std::vector<const Metadata*>& filters,
@@ -156,9 +180,10 @@ SystemRun run(const properties::System& system, const std::vector<const Metadata
     runner.bound.emplace(*metadata, result.dimensions);
   }
 
+  std::vector<std::unique_ptr<Trajectory>> truths;
   try {
-    for (auto& [parametrisation, course] : courses)
-      if (course.numbers()) course.truth.emplace(*course.numbers(), system.data, reference::Request{.digits = options.digits});
+    truths = trajectories(courses, system.data, options.digits);
+    result.trajectories = static_cast<int>(truths.size());
 
     Feed feed(system.data);
     reference::ErrorAnalysis analysis;
@@ -167,15 +192,12 @@ SystemRun run(const properties::System& system, const std::vector<const Metadata
         result.interrupted = true;
         break;
       }
-      for (auto& [parametrisation, course] : courses)
-        if (course.truth) course.truth->advance();
+      for (const auto& truth : truths) truth->advance();
       // The parametrisations differ by roundings of their numbers: one of them speaks for all.
-      for (auto& [parametrisation, course] : courses)
-        if (course.truth) {
-          analysis.advance(course.truth->truth());
-          add(result.analysis, k, analysis);
-          break;
-        }
+      if (!truths.empty()) {
+        analysis.advance(truths.front()->truth());
+        add(result.analysis, k, analysis);
+      }
       feed.next();
       for (Runner& runner : runners)
         if (runner.filter) measure(runner, k, feed.y(), feed.u());
@@ -187,11 +209,11 @@ SystemRun run(const properties::System& system, const std::vector<const Metadata
   }
 
   bool first = true;
-  for (auto& [parametrisation, course] : courses)
-    if (course.truth && course.truth->k() >= 0) {
-      const int certified = course.truth->certified_digits();
+  for (const auto& truth : truths)
+    if (truth->k() >= 0) {
+      const int certified = truth->certified_digits();
       result.certified_digits = first ? certified : std::min(result.certified_digits, certified);
-      result.working_digits = std::max(result.working_digits, course.truth->working_digits());
+      result.working_digits = std::max(result.working_digits, truth->working_digits());
       first = false;
     }
   for (Runner& runner : runners) {

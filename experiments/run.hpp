@@ -55,6 +55,7 @@ struct SystemRun {
   bool interrupted = false;
   /// The reference has no answer from some step on, and why.
   std::optional<std::string> reference_error;
+  int trajectories = 0;      ///< of the reference: one for all filters whose problems are the same in exact numbers
   int certified_digits = 0;  ///< least over steps, quantities and trajectories
   int working_digits = 0;
   AnalysisRun analysis;

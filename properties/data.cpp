@@ -81,13 +81,16 @@ class SimulatedStream final : public DataStream {
 
 }  // namespace
 
-Recorded::Recorded(Matrix<double> y, Matrix<double> u)
-    : y_(std::make_shared<const Matrix<double>>(std::move(y))), u_(std::make_shared<const Matrix<double>>(std::move(u))) {}
+Recorded::Recorded(Matrix<double> y, Matrix<double> u, std::vector<ExactEntry> exact_y, std::vector<ExactEntry> exact_u)
+    : y_(std::make_shared<const Matrix<double>>(std::move(y))),
+      u_(std::make_shared<const Matrix<double>>(std::move(u))), exact_y_(std::move(exact_y)),
+      exact_u_(std::move(exact_u)) {}
 
 std::unique_ptr<DataStream> Recorded::open() const { return std::make_unique<RecordedStream>(y_, u_); }
 
-Simulated::Simulated(const System& system, std::uint64_t seed, Matrix<double> inputs)
-    : u_(std::make_shared<const Matrix<double>>(std::move(inputs))), seed_(seed) {
+Simulated::Simulated(const System& system, std::uint64_t seed, Matrix<double> inputs,
+                     std::vector<ExactEntry> exact_inputs)
+    : u_(std::make_shared<const Matrix<double>>(std::move(inputs))), exact_u_(std::move(exact_inputs)), seed_(seed) {
   auto roots = properties::problem(system, Parametrisation::root);
   if (const auto* refused = std::get_if<Refusal>(&roots)) throw std::invalid_argument(refused->reason);
   problem_ = std::make_shared<const Problem<RootModel<double>>>(

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <vector>
 
 #include <kfstab/properties/system.hpp>
 
@@ -12,11 +13,17 @@ namespace kfstab::properties {
 /// Data that were recorded: y (p x steps) and u (inputs x steps), a step a column.
 class Recorded final : public Data {
  public:
-  Recorded(Matrix<double> y, Matrix<double> u);
+  /// exact_y, exact_u: entries that were written exactly, ordered by column.
+  Recorded(Matrix<double> y, Matrix<double> u, std::vector<ExactEntry> exact_y = {},
+           std::vector<ExactEntry> exact_u = {});
   std::unique_ptr<DataStream> open() const override;
+
+  const std::vector<ExactEntry>& exact_y() const { return exact_y_; }
+  const std::vector<ExactEntry>& exact_u() const { return exact_u_; }
 
  private:
   std::shared_ptr<const Matrix<double>> y_, u_;
+  std::vector<ExactEntry> exact_y_, exact_u_;
 };
 
 /// Data drawn from the system itself: x_0 from N(x0, P0), then y_k = C x_k + v_k and x_{k+1} = A x_k + B w_k + D u_k with
@@ -25,17 +32,20 @@ class Recorded final : public Data {
 /// overflow in the end.
 class Simulated final : public Data {
  public:
-  /// inputs: one column a step, no columns if D has none. The system's own data are not used. Throws
-  /// std::invalid_argument where Q, R or P0 is no covariance.
-  Simulated(const System& system, std::uint64_t seed, Matrix<double> inputs = {});
+  /// inputs: one column a step, no columns if D has none; exact_inputs as of Recorded. The system's own data are not
+  /// used. Throws std::invalid_argument where Q, R or P0 is no covariance.
+  Simulated(const System& system, std::uint64_t seed, Matrix<double> inputs = {},
+            std::vector<ExactEntry> exact_inputs = {});
   std::unique_ptr<DataStream> open() const override;
 
   std::uint64_t seed() const { return seed_; }
   const Matrix<double>& inputs() const { return *u_; }
+  const std::vector<ExactEntry>& exact_inputs() const { return exact_u_; }
 
  private:
   std::shared_ptr<const Problem<RootModel<double>>> problem_;
   std::shared_ptr<const Matrix<double>> u_;
+  std::vector<ExactEntry> exact_u_;
   std::uint64_t seed_;
 };
 

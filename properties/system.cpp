@@ -108,22 +108,6 @@ std::vector<Matrix<double>> each(Convert convert, std::string_view name, const C
   return converted;
 }
 
-/// How many models tell the whole run: 1, a common period, or one a step.
-std::size_t model_count(const System& system) {
-  const auto steps = static_cast<std::size_t>(std::max<std::int64_t>(system.steps, 1));
-  std::size_t count = 1;
-  for (const Sequence* sequence :
-       {&system.A, &system.B, &system.C, &system.D, &system.Q.value, &system.R.value}) {
-    const std::size_t period = sequence->matrices.size();
-    if (period == 1) continue;
-    if (sequence->kind == Sequence::Kind::list) return steps;
-    const std::size_t factor = period / std::gcd(count, period);
-    if (count > steps / factor) return steps;
-    count *= factor;
-  }
-  return std::min(count, steps);
-}
-
 const Matrix<double>& cycle(const std::vector<Matrix<double>>& matrices, std::size_t k) {
   return matrices[k % matrices.size()];
 }
@@ -143,7 +127,7 @@ AnyProblem<double> covariance_problem(const System& system) {
   Problem<CovarianceModel<double>> problem;
   problem.initial = as_covariance("P0", system.P0, 0);
   problem.x0 = system.x0;
-  problem.models.resize(model_count(system));
+  problem.models.resize(system.model_count());
   for (std::size_t k = 0; k < problem.models.size(); ++k) {
     fill_dynamics(problem.models[k], system, k);
     problem.models[k].Q = cycle(Q, k);
@@ -158,7 +142,7 @@ AnyProblem<double> root_problem(const System& system) {
   Problem<RootModel<double>> problem;
   problem.initial = as_root("P0", system.P0, 0);
   problem.x0 = system.x0;
-  problem.models.resize(model_count(system));
+  problem.models.resize(system.model_count());
   for (std::size_t k = 0; k < problem.models.size(); ++k) {
     fill_dynamics(problem.models[k], system, k);
     problem.models[k].Q_root = cycle(Q_root, k);
@@ -180,7 +164,7 @@ AnyProblem<double> information_problem(const System& system) {
   Problem<InformationModel<double>> problem;
   problem.initial = as_information_root("P0", system.P0, 0);
   problem.x0 = system.x0;
-  problem.models.resize(model_count(system));
+  problem.models.resize(system.model_count());
   for (std::size_t k = 0; k < problem.models.size(); ++k) {
     InformationModel<double>& model = problem.models[k];
     const auto step = static_cast<std::int64_t>(k);
@@ -200,6 +184,20 @@ AnyProblem<double> information_problem(const System& system) {
 bool System::time_invariant() const {
   return std::ranges::all_of(std::initializer_list<const Sequence*>{&A, &B, &C, &D, &Q.value, &R.value},
                              [](const Sequence* sequence) { return sequence->matrices.size() == 1; });
+}
+
+std::size_t System::model_count() const {
+  const auto length = static_cast<std::size_t>(std::max<std::int64_t>(steps, 1));
+  std::size_t count = 1;
+  for (const Sequence* sequence : {&A, &B, &C, &D, &Q.value, &R.value}) {
+    const std::size_t period = sequence->matrices.size();
+    if (period == 1) continue;
+    if (sequence->kind == Sequence::Kind::list) return length;
+    const std::size_t factor = period / std::gcd(count, period);
+    if (count > length / factor) return length;
+    count *= factor;
+  }
+  return std::min(count, length);
 }
 
 std::variant<AnyProblem<double>, Refusal> problem(const System& system, Parametrisation form) {

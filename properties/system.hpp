@@ -14,6 +14,18 @@
 
 namespace kfstab::properties {
 
+/// An entry that was written exactly and is no double ("1/3", "1e-30"): its text, and where it stands. It holds as long
+/// as the double in its place is the nearest one; a double that code puts there instead counts as itself.
+/// exact.hpp makes numbers of it.
+struct ExactEntry {
+  std::size_t matrix = 0;  ///< of a Sequence
+  Index row = 0;
+  Index col = 0;
+  std::string text;
+
+  friend bool operator==(const ExactEntry&, const ExactEntry&) = default;
+};
+
 /// A matrix over time.
 struct Sequence {
   enum class Kind {
@@ -25,6 +37,8 @@ struct Sequence {
   Kind kind = Kind::constant;
   /// At least one, all of one shape; of a list, one for each step of the system.
   std::vector<Matrix<double>> matrices;
+  /// Ordered by matrix.
+  std::vector<ExactEntry> exact;
 
   Sequence() : matrices(1) {}
   Sequence(Matrix<double> constant) : matrices(1, std::move(constant)) {}
@@ -51,6 +65,8 @@ struct Covariance {
 /// A (n x n), B (n x m), C (p x n), D (n x inputs; no columns where there is no known input), Q (m x m), R (p x p), each
 /// constant, periodic or one a step; P0 (n x n) and x0 (n) are constant. Read from a file (system_file.hpp), drawn
 /// (generators.hpp) or made in code. Units are the writer's.
+///
+/// Filters take doubles. Entries that were written exactly are kept beside them, for the reference.
 struct System {
   std::string name;
   std::string description;
@@ -61,6 +77,7 @@ struct System {
   Sequence A, B, C, D;
   Covariance Q, R, P0;
   Vector<double> x0;
+  std::vector<ExactEntry> exact_x0;
   std::int64_t steps = 1;
   /// The measurements and inputs of the steps; null where covariances and gains alone are to be run.
   std::shared_ptr<const Data> data;
@@ -68,6 +85,8 @@ struct System {
   Dimensions dimensions() const { return {A.rows(), B.cols(), C.rows()}; }
   Index inputs() const { return D.cols(); }
   bool time_invariant() const;
+  /// How many models tell the whole run: 1, a common period, or one a step.
+  std::size_t model_count() const;
 };
 
 /// Why a filter or a parametrisation does not apply to a system, as one sentence: "srif needs an invertible A: A (step
@@ -76,8 +95,8 @@ struct Refusal {
   std::string reason;
 };
 
-/// The numbers that one parametrisation takes of a system, each the exact value from the numbers written, rounded once
-/// to double:
+/// The numbers that one parametrisation takes of a system, each the exact value from the doubles written, rounded once
+/// to double (what was written exactly counts as the double nearest to it; see exact.hpp for more):
 ///
 ///  - what is written in the form asked for is passed on bit by bit;
 ///  - covariance from a root: LL', exactly symmetric;

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <initializer_list>
+#include <map>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -10,6 +12,7 @@
 
 #include <kfstab/properties/csv.hpp>
 #include <kfstab/properties/data.hpp>
+#include <kfstab/properties/exact.hpp>
 #include <kfstab/properties/expression.hpp>
 #include <kfstab/properties/node.hpp>
 
@@ -113,23 +116,54 @@ class Reader {
     return names.empty() ? "a number or an expression" : "a number or an expression of " + joined(names);
   }
 
-  double number(const Node& node, const std::string& field) const {
+  /// An entry as doubles have it, and its text where that is exact and no double.
+  struct Entry {
     double value = 0;
+    std::string exact;
+  };
+
+  Entry entry(const Node& node, const std::string& field) const {
+    Entry entry;
     if (const auto* real = std::get_if<double>(&node.value)) {
-      value = *real;
+      entry.value = *real;
     } else if (const auto* integer = std::get_if<std::int64_t>(&node.value)) {
-      value = static_cast<double>(*integer);
+      entry.value = static_cast<double>(*integer);
     } else if (const auto* text = node.text()) {
-      try {
-        value = (*expressions_)(*text);
-      } catch (const ExpressionError& error) {
-        refuse(node, field, error.what(), number_words() + error.hint());
-      }
+      entry = entry_of(node, field, *text);
     } else {
       refuse(node, field, kind(node), number_words());
     }
-    if (!std::isfinite(value)) refuse(node, field, std::isnan(value) ? "nan" : "an infinity", "a finite number");
-    return value;
+    if (!std::isfinite(entry.value))
+      refuse(node, field, std::isnan(entry.value) ? "nan" : "an infinity", "a finite number");
+    return entry;
+  }
+
+  /// What is written in quotes: a number, or the name of a parameter that is one, exactly; an expression in double.
+  Entry entry_of(const Node& node, const std::string& field, const std::string& text) const {
+    try {
+      const auto parameter = exact_parameters_.find(text);
+      const std::string& literal = parameter == exact_parameters_.end() ? text : parameter->second;
+      const auto exact = read_exact(literal);
+      if (!exact) return {(*expressions_)(text), {}};
+      const double nearest = reference::round_to_double(*exact);
+      if (!std::isfinite(nearest)) throw ExpressionError(in_quotes(text) + ", which is beyond the range of double");
+      if (nearest == 0 && !exact->is_zero())
+        throw ExpressionError(in_quotes(text) + ", which is not 0 but nearer to it than to any other double");
+      return {nearest, *exact == reference::Rational(nearest) ? std::string() : literal};
+    } catch (const ExpressionError& error) {
+      refuse(node, field, error.what(), number_words() + error.hint());
+    }
+  }
+
+  double number(const Node& node, const std::string& field) const { return entry(node, field).value; }
+
+  /// An entry, read into its place.
+  template <class Derived>
+  void read_entry(const Node& node, const std::string& field, Eigen::MatrixBase<Derived>& X, Index i, Index j,
+                  std::vector<ExactEntry>& exact) const {
+    Entry read = entry(node, field);
+    X(i, j) = read.value;
+    if (!read.exact.empty()) exact.push_back({0, i, j, std::move(read.exact)});
   }
 
   Index size(const Node& node, const std::string& field) const {
@@ -178,7 +212,7 @@ class Reader {
         else if (value.text())
           open[name] = {&value, value.text()};
         else
-          system_.parameters[name] = number(value, "parameters." + name);
+          system_.parameters[name] = number(value, "parameters." + name);  // a double, never more
       }
     }
     for (const auto& [name, value] : overrides_.parameters)
@@ -188,21 +222,19 @@ class Reader {
 
     while (!open.empty()) {
       bool progress = false;
-      for (auto entry = open.begin(); entry != open.end();) {
-        const auto& [name, source] = *entry;
+      for (auto open_parameter = open.begin(); open_parameter != open.end();) {
+        const auto& [name, source] = *open_parameter;
         const auto& [node, text] = source;
         expressions_ = std::make_unique<Expressions>(system_.parameters);
         const std::vector<std::string> uses = expressions_->names_in(*text);
         if (std::ranges::any_of(uses, [&](const std::string& used) { return open.contains(used); })) {
-          ++entry;
+          ++open_parameter;
           continue;
         }
-        try {
-          system_.parameters[name] = (*expressions_)(*text);
-        } catch (const ExpressionError& error) {
-          refuse(*node, "parameters." + name, error.what(), number_words() + error.hint());
-        }
-        entry = open.erase(entry);
+        Entry read = entry_of(*node, "parameters." + name, *text);
+        system_.parameters[name] = read.value;
+        if (!read.exact.empty()) exact_parameters_[name] = std::move(read.exact);
+        open_parameter = open.erase(open_parameter);
         progress = true;
       }
       if (!progress) {
@@ -235,11 +267,11 @@ class Reader {
 
   // --- matrices -------------------------------------------------------------------------------------------------------
 
-  Matrix<double> from_rows(const Node& node, const Node::List& rows, const std::string& field, const Shape& shape) const {
+  Sequence from_rows(const Node& node, const Node::List& rows, const std::string& field, const Shape& shape) const {
     const Index count = static_cast<Index>(rows.size());
     if (count > largest_dimension) refuse(node, field, fmt::format("{} rows", count), fmt::format("at most {}", largest_dimension));
-    if (count == 0) return Matrix<double>(0, std::max<Index>(shape.cols, 0));
-    Matrix<double> X;
+    Sequence read(Matrix<double>(0, std::max<Index>(shape.cols, 0)));
+    Matrix<double>& X = read.matrices.front();
     for (Index i = 0; i < count; ++i) {
       const Node& row = rows[static_cast<std::size_t>(i)];
       const std::string row_field = fmt::format("{}[{}]", field, i);
@@ -254,12 +286,12 @@ class Reader {
       if (width != X.cols())
         refuse(row, row_field, fmt::format("a row of {} entries", width), fmt::format("{}, as the first row has", X.cols()));
       for (Index j = 0; j < width; ++j)
-        X(i, j) = number((*entries)[static_cast<std::size_t>(j)], fmt::format("{}[{},{}]", field, i, j));
+        read_entry((*entries)[static_cast<std::size_t>(j)], fmt::format("{}[{},{}]", field, i, j), X, i, j, read.exact);
     }
-    return X;
+    return read;
   }
 
-  Matrix<double> from_table(const Node& node, const Node::Table& table, const std::string& field, bool over_time) const {
+  Sequence from_table(const Node& node, const Node::Table& table, const std::string& field, bool over_time) const {
     std::vector<std::string> known = {"diagonal", "identity", "scale"};
     if (over_time) known.insert(known.end(), {"list", "period"});
     require_known_keys(table, field, known);
@@ -270,43 +302,52 @@ class Reader {
       refuse(node, field, "a table that is none of these", "{ diagonal = [...] }, { identity = n } or { identity = n, scale = s }");
     if (identity) {
       const Index n = size(*identity, field + ".identity");
-      return Matrix<double>::Identity(n, n) * (scale ? number(*scale, field + ".scale") : 1.0);
+      Entry factor{1, {}};
+      if (scale) factor = entry(*scale, field + ".scale");
+      Sequence read(Matrix<double>(Matrix<double>::Identity(n, n) * factor.value));
+      for (Index i = 0; i < n && !factor.exact.empty(); ++i) read.exact.push_back({0, i, i, factor.exact});
+      return read;
     }
     const Node::List* entries = diagonal->list();
     if (!entries) refuse(*diagonal, field + ".diagonal", kind(*diagonal), "a list of numbers");
     const Index n = static_cast<Index>(entries->size());
     if (n > largest_dimension)
       refuse(*diagonal, field + ".diagonal", fmt::format("{} entries", n), fmt::format("at most {}", largest_dimension));
-    Matrix<double> X = Matrix<double>::Zero(n, n);
+    Sequence read(Matrix<double>(Matrix<double>::Zero(n, n)));
     for (Index i = 0; i < n; ++i)
-      X(i, i) = number((*entries)[static_cast<std::size_t>(i)], fmt::format("{}.diagonal[{}]", field, i));
-    return X;
+      read_entry((*entries)[static_cast<std::size_t>(i)], fmt::format("{}.diagonal[{}]", field, i),
+                 read.matrices.front(), i, i, read.exact);
+    return read;
   }
 
-  Matrix<double> matrix(const Node& node, const std::string& field, const Shape& shape, bool over_time = false) const {
-    Matrix<double> X;
-    if (const Node::List* rows = node.list())
-      X = from_rows(node, *rows, field, shape);
-    else if (const Node::Table* table = node.table())
-      X = from_table(node, *table, field, over_time);
-    else
-      X = Matrix<double>::Constant(1, 1, number(node, field));
+  /// One matrix, as a constant sequence.
+  Sequence matrix(const Node& node, const std::string& field, const Shape& shape, bool over_time = false) const {
+    Sequence read;
+    if (const Node::List* rows = node.list()) {
+      read = from_rows(node, *rows, field, shape);
+    } else if (const Node::Table* table = node.table()) {
+      read = from_table(node, *table, field, over_time);
+    } else {
+      read.matrices.front().resize(1, 1);
+      read_entry(node, field, read.matrices.front(), 0, 0, read.exact);
+    }
+    const Matrix<double>& X = read.matrices.front();
     const bool square = shape.rows < 0 && shape.cols < 0;
     if ((shape.rows >= 0 && X.rows() != shape.rows) || (shape.cols >= 0 && X.cols() != shape.cols) ||
         (square && X.rows() != X.cols()))
       refuse(node, field, "a " + shape_of(X.rows(), X.cols()) + " matrix", shape.expected());
-    return X;
+    return read;
   }
 
   /// Calls check(node, field, matrix) for each matrix as it is read: what is wrong has a place only now.
   template <class Check>
   Sequence sequence(const Node& node, const std::string& field, Shape shape, Check check) const {
     const auto read = [&](const Node& item, const std::string& item_field, bool over_time) {
-      Matrix<double> X = matrix(item, item_field, shape, over_time);
-      check(item, item_field, X);
-      shape.rows = X.rows();
-      shape.cols = X.cols();
-      return X;
+      Sequence one = matrix(item, item_field, shape, over_time);
+      check(item, item_field, one);
+      shape.rows = one.rows();
+      shape.cols = one.cols();
+      return one;
     };
     const Node::Table* table = node.table();
     for (const auto& [key, of_kind] : {std::pair{"list", Sequence::Kind::list}, std::pair{"period", Sequence::Kind::periodic}}) {
@@ -316,41 +357,62 @@ class Reader {
       if (table->size() > 1) refuse(node, field, "more keys beside " + in_quotes(key), "no other key");
       if (!items->list() || items->list()->empty()) refuse(*items, items_field, kind(*items), "a list of matrices, at least one");
       if (of_kind == Sequence::Kind::list) require_one_a_step(*items, items_field, items->list()->size(), "matrices");
-      std::vector<Matrix<double>> matrices;
-      matrices.reserve(items->list()->size());
-      for (std::size_t k = 0; k < items->list()->size(); ++k)
-        matrices.push_back(read((*items->list())[k], fmt::format("{}[{}]", items_field, k), false));
-      if (of_kind == Sequence::Kind::list) matrices.resize(static_cast<std::size_t>(system_.steps));
-      return {of_kind, std::move(matrices)};
+      Sequence all(of_kind, {});
+      all.matrices.reserve(items->list()->size());
+      for (std::size_t k = 0; k < items->list()->size(); ++k) {
+        Sequence one = read((*items->list())[k], fmt::format("{}[{}]", items_field, k), false);
+        if (of_kind == Sequence::Kind::list && static_cast<std::int64_t>(k) >= system_.steps) continue;
+        all.matrices.push_back(std::move(one.matrices.front()));
+        for (ExactEntry& entry : one.exact) all.exact.push_back({k, entry.row, entry.col, std::move(entry.text)});
+      }
+      return all;
     }
-    return Sequence(read(node, field, true));
+    return read(node, field, true);
   }
   Sequence sequence(const Node& node, const std::string& field, const Shape& shape) const {
-    return sequence(node, field, shape, [](const Node&, const std::string&, const Matrix<double>&) {});
+    return sequence(node, field, shape, [](const Node&, const std::string&, const Sequence&) {});
   }
 
   /// The node of an entry where it was written as rows; else that of the matrix.
-  static const Node& entry(const Node& node, Index i, Index j) {
+  static const Node& node_of_entry(const Node& node, Index i, Index j) {
     if (const Node::List* rows = node.list())
       if (const Node::List* row = (*rows)[static_cast<std::size_t>(i)].list()) return (*row)[static_cast<std::size_t>(j)];
     return node;
   }
 
-  void require_covariance(const Node& node, const std::string& field, const Matrix<double>& X) const {
+  /// The doubles, which filters take, and what was written have to be covariances both. Of singular ones only
+  /// entries that were not rounded tell whether they are.
+  void require_covariance(const Node& node, const std::string& field, const Sequence& read) const {
+    const Matrix<double>& X = read.matrices.front();
     for (Index i = 0; i < X.rows(); ++i)
       for (Index j = 0; j < i; ++j)
         if (X(i, j) != X(j, i))
-          refuse(entry(node, i, j), fmt::format("{}[{},{}]", field, i, j), fmt::format("{}", X(i, j)),
-                 fmt::format("{}, the same as {}[{},{}]: a covariance is symmetric", X(j, i), field, j, i));
-    if (const auto wrong = admissible_covariance(X))
-      refuse(node, field, *wrong, "a positive semidefinite matrix");
+          refuse_asymmetric(node, field, i, j, fmt::format("{}", X(i, j)), fmt::format("{}", X(j, i)));
+    if (const auto wrong = admissible_covariance(X)) refuse(node, field, *wrong, "a positive semidefinite matrix");
+    if (read.exact.empty()) return;
+
+    const Matrix<reference::Rational> exact = exact_matrix(read, 0);
+    for (Index i = 0; i < X.rows(); ++i)
+      for (Index j = 0; j < i; ++j)
+        if (exact(i, j) != exact(j, i))
+          refuse_asymmetric(node, field, i, j, exact(i, j).str() + " exactly", exact(j, i).str() + " exactly");
+    if (written_exactly(read, 0) && !reference::no_negative_eigenvalue(exact))
+      refuse(node, field, "a matrix with a negative eigenvalue, by its exact entries",
+             "a positive semidefinite matrix");
   }
 
-  void require_lower(const Node& node, const std::string& field, const Matrix<double>& X) const {
+  [[noreturn]] void refuse_asymmetric(const Node& node, const std::string& field, Index i, Index j,
+                                      const std::string& found, const std::string& opposite) const {
+    refuse(node_of_entry(node, i, j), fmt::format("{}[{},{}]", field, i, j), found,
+           fmt::format("{}, the same as {}[{},{}]: a covariance is symmetric", opposite, field, j, i));
+  }
+
+  void require_lower(const Node& node, const std::string& field, const Sequence& read) const {
+    const Matrix<double>& X = read.matrices.front();
     for (Index j = 0; j < X.cols(); ++j)
       for (Index i = 0; i < j; ++i)
         if (X(i, j) != 0)
-          refuse(entry(node, i, j), fmt::format("{}[{},{}]", field, i, j), fmt::format("{}", X(i, j)),
+          refuse(node_of_entry(node, i, j), fmt::format("{}[{},{}]", field, i, j), fmt::format("{}", X(i, j)),
                  "0: a root is lower triangular");
   }
 
@@ -365,18 +427,18 @@ class Reader {
     Covariance result;
     result.written = root ? Covariance::Written::root : Covariance::Written::covariance;
     const std::string field(root ? root_name : name);
-    const auto check = [&](const Node& node, const std::string& item_field, const Matrix<double>& X) {
+    const auto check = [&](const Node& node, const std::string& item_field, const Sequence& read) {
       if (root)
-        require_lower(node, item_field, X);
+        require_lower(node, item_field, read);
       else
-        require_covariance(node, item_field, X);
+        require_covariance(node, item_field, read);
     };
     const Node& node = root ? *root : *plain;
     if (over_time) {
       result.value = sequence(node, field, shape, check);
     } else {
-      result.value = Sequence(matrix(node, field, shape));
-      check(node, field, result.value.at(0));
+      result.value = matrix(node, field, shape);
+      check(node, field, result.value);
     }
     return result;
   }
@@ -410,9 +472,10 @@ class Reader {
         if (static_cast<Index>(entries->size()) != n)
           refuse(*x0, "x0", fmt::format("{} entries", entries->size()), fmt::format("{} (n)", n));
         for (Index i = 0; i < n; ++i)
-          system_.x0(i) = number((*entries)[static_cast<std::size_t>(i)], fmt::format("x0[{}]", i));
+          read_entry((*entries)[static_cast<std::size_t>(i)], fmt::format("x0[{}]", i), system_.x0, i, 0,
+                     system_.exact_x0);
       } else if (n == 1) {
-        system_.x0(0) = number(*x0, "x0");
+        read_entry(*x0, "x0", system_.x0, 0, 0, system_.exact_x0);
       } else {
         refuse(*x0, "x0", kind(*x0), fmt::format("a list of {} numbers (n)", n));
       }
@@ -421,8 +484,8 @@ class Reader {
 
   // --- data -----------------------------------------------------------------------------------------------------------
 
-  /// One row a step, or a CSV file with one: width x steps.
-  Matrix<double> rows_of_data(const Node& node, const std::string& field, const std::string& column, Index width) const {
+  /// One row a step, or a CSV file with one: width x steps, a step a column, as a constant sequence.
+  Sequence rows_of_data(const Node& node, const std::string& field, const std::string& column, Index width) const {
     if (const Node::Table* table = node.table()) {
       const Node* csv = member(*table, "csv");
       if (!csv || !csv->text()) refuse(csv ? *csv : node, field + ".csv", csv ? kind(*csv) : "no such key", "the name of a CSV file");
@@ -436,26 +499,28 @@ class Reader {
         refuse(*csv, field + ".csv", error.place().origin + ", " + error.found(), error.expected());
       }
       require_one_a_step(*csv, field, static_cast<std::size_t>(data.cols()), "rows in " + file.string());
-      return data;
+      return Sequence(std::move(data));
     }
     const Node::List* rows = node.list();
     if (!rows) refuse(node, field, kind(node), "a list of rows, one for each step, or { csv = \"file.csv\" }");
     require_one_a_step(node, field, rows->size(), "rows");
-    Matrix<double> data(width, static_cast<Index>(rows->size()));
+    Sequence read(Matrix<double>(width, static_cast<Index>(rows->size())));
+    Matrix<double>& data = read.matrices.front();
     for (Index k = 0; k < data.cols(); ++k) {
       const Node& row = (*rows)[static_cast<std::size_t>(k)];
       const Node::List* entries = row.list();
       if (!entries && width == 1) {
-        data(0, k) = number(row, fmt::format("{}[{}]", field, k));
+        read_entry(row, fmt::format("{}[{}]", field, k), data, 0, k, read.exact);
         continue;
       }
       if (!entries || static_cast<Index>(entries->size()) != width)
         refuse(row, fmt::format("{}[{}]", field, k), entries ? fmt::format("{} entries", entries->size()) : kind(row),
                fmt::format("a row of {}", width));
       for (Index i = 0; i < width; ++i)
-        data(i, k) = number((*entries)[static_cast<std::size_t>(i)], fmt::format("{}[{},{}]", field, k, i));
+        read_entry((*entries)[static_cast<std::size_t>(i)], fmt::format("{}[{},{}]", field, k, i), data, i, k,
+                   read.exact);
     }
-    return data;
+    return read;
   }
 
   void read_data() {
@@ -467,7 +532,7 @@ class Reader {
     if (system_.inputs() > 0 && !inputs)
       throw InputError({origin_, 0, 0, {}, "inputs"}, "no such key", fmt::format("the {} inputs of each step, for D has {} columns", system_.inputs(), system_.inputs()));
 
-    Matrix<double> u;
+    Sequence u;
     if (inputs) u = rows_of_data(*inputs, "inputs", "u", system_.inputs());
 
     if (const Node::Table* table = measurements->table()) {
@@ -480,17 +545,22 @@ class Reader {
         const auto* value = seed ? std::get_if<std::int64_t>(&seed->value) : nullptr;
         if (!value || *value < 0)
           refuse(seed ? *seed : *simulate, "measurements.simulate.seed", seed ? kind(*seed) : "no such key", "an integer >= 0");
-        system_.data = std::make_shared<Simulated>(system_, overrides_.seed.value_or(static_cast<std::uint64_t>(*value)), std::move(u));
+        system_.data =
+            std::make_shared<Simulated>(system_, overrides_.seed.value_or(static_cast<std::uint64_t>(*value)),
+                                        std::move(u.matrices.front()), std::move(u.exact));
         return;
       }
     }
-    system_.data = std::make_shared<Recorded>(rows_of_data(*measurements, "measurements", "y", system_.dimensions().p), std::move(u));
+    Sequence y = rows_of_data(*measurements, "measurements", "y", system_.dimensions().p);
+    system_.data = std::make_shared<Recorded>(std::move(y.matrices.front()), std::move(u.matrices.front()),
+                                              std::move(y.exact), std::move(u.exact));
   }
 
   const Node& root_;
   std::string origin_;
   std::filesystem::path folder_;
   const Overrides& overrides_;
+  std::map<std::string, std::string> exact_parameters_;  ///< those that were written exactly and are no doubles
   std::unique_ptr<Expressions> expressions_ = std::make_unique<Expressions>(std::map<std::string, double>{});
   std::int64_t written_steps_ = 0;
   System system_;
@@ -517,28 +587,49 @@ std::string text_literal(const std::string& text) {
 /// The shortest that reads back as x. An integer has no negative zero.
 std::string number_literal(double x) { return x == 0 && std::signbit(x) ? "-0.0" : fmt::format("{}", x); }
 
+/// What was written exactly, where it still holds.
+class Literals {
+ public:
+  Literals(const std::vector<ExactEntry>& entries) {
+    for (const ExactEntry& entry : entries) texts_[{entry.matrix, entry.row, entry.col}] = &entry;
+  }
+  std::string operator()(double x, std::size_t matrix, Index row, Index col) const {
+    const auto found = texts_.find({matrix, row, col});
+    return found == texts_.end() || exact_value(*found->second, x) == reference::Rational(x)
+               ? number_literal(x)
+               : text_literal(found->second->text);
+  }
+
+ private:
+  std::map<std::tuple<std::size_t, Index, Index>, const ExactEntry*> texts_;
+};
+
 template <class Entry>
 std::string row_literal(Index size, Entry entry) {
   std::string text = "[";
-  for (Index j = 0; j < size; ++j) text += (j > 0 ? ", " : "") + number_literal(entry(j));
+  for (Index j = 0; j < size; ++j) text += (j > 0 ? ", " : "") + entry(j);
   return text + "]";
 }
-std::string row_literal(const Vector<double>& x) {
-  return row_literal(x.size(), [&](Index i) { return x(i); });
+/// A column that is written as a row: x0, or the data of one step.
+std::string column_literal(const Vector<double>& x, const Literals& literals, Index col = 0) {
+  return row_literal(x.size(), [&](Index i) { return literals(x(i), 0, i, col); });
 }
 
-std::string matrix_literal(const Matrix<double>& X, const std::string& indent) {
+std::string matrix_literal(const Matrix<double>& X, const Literals& literals, std::size_t k,
+                           const std::string& indent) {
   if (X.rows() == 0) return "[]";
   std::string text = "[\n";
   for (Index i = 0; i < X.rows(); ++i)
-    text += indent + "  " + row_literal(X.cols(), [&](Index j) { return X(i, j); }) + ",\n";
+    text += indent + "  " + row_literal(X.cols(), [&](Index j) { return literals(X(i, j), k, i, j); }) + ",\n";
   return text + indent + "]";
 }
 
 std::string sequence_literal(const Sequence& sequence) {
-  if (sequence.kind == Sequence::Kind::constant) return matrix_literal(sequence.at(0), "");
+  const Literals literals(sequence.exact);
+  if (sequence.kind == Sequence::Kind::constant) return matrix_literal(sequence.at(0), literals, 0, "");
   std::string text = sequence.kind == Sequence::Kind::list ? "{ list = [\n" : "{ period = [\n";
-  for (const Matrix<double>& X : sequence.matrices) text += "  " + matrix_literal(X, "  ") + ",\n";
+  for (std::size_t k = 0; k < sequence.matrices.size(); ++k)
+    text += "  " + matrix_literal(sequence.matrices[k], literals, k, "  ") + ",\n";
   return text + "] }";
 }
 
@@ -575,21 +666,25 @@ std::string write_system(const System& system) {
   write_covariance("Q", "Q_root", system.Q);
   write_covariance("R", "R_root", system.R);
   write_covariance("P0", "S0", system.P0);
-  text += "x0 = " + row_literal(system.x0) + "\n";
+  text += "x0 = " + column_literal(system.x0, system.exact_x0) + "\n";
 
   const auto* simulated = dynamic_cast<const Simulated*>(system.data.get());
   std::string inputs, measurements;
   if (simulated) {
+    const Literals u(simulated->exact_inputs());
     measurements = fmt::format("{{ simulate = {{ seed = {} }} }}", simulated->seed());
     for (Index k = 0; k < std::min<std::int64_t>(simulated->inputs().cols(), system.steps); ++k)
-      inputs += "  " + row_literal(simulated->inputs().col(k)) + ",\n";
+      inputs += "  " + column_literal(simulated->inputs().col(k), u, k) + ",\n";
   } else if (system.data) {
+    const auto* recorded = dynamic_cast<const Recorded*>(system.data.get());
+    const std::vector<ExactEntry> none;
+    const Literals y(recorded ? recorded->exact_y() : none), u(recorded ? recorded->exact_u() : none);
     const auto stream = system.data->open();
     measurements = "[\n";
-    for (std::int64_t k = 0; k < system.steps; ++k) {
+    for (Index k = 0; k < system.steps; ++k) {
       const StepData& step = stream->next();
-      measurements += "  " + row_literal(step.y) + ",\n";
-      inputs += "  " + row_literal(step.u) + ",\n";
+      measurements += "  " + column_literal(step.y, y, k) + ",\n";
+      inputs += "  " + column_literal(step.u, u, k) + ",\n";
     }
     measurements += "]";
   }

@@ -24,4 +24,20 @@ struct ExactProblem : Problem<CovarianceModel<Rational>> {};
 /// Data in exact numbers.
 struct ExactData : DataOf<Rational> {};
 
+/// The nearest double, ties to even; infinite beyond the range of double, denormalised below it. (Rational's own
+/// conversion cuts off.)
+double round_to_double(const Rational& x);
+
+/// Entry by entry; a double is rational. Throws ReferenceError for one that is not finite.
+Matrix<Rational> rational(const Matrix<double>& X);
+
+/// X Y, one entry after the other, without a rounding.
+Matrix<Rational> product(const Matrix<Rational>& X, const Matrix<Rational>& Y);
+
+/// L L' of a lower L; its strict upper triangle is not read.
+Matrix<Rational> product_of_root(const Matrix<Rational>& L);
+
+/// Whether no eigenvalue is negative, decided exactly by LDL' of the lower triangle.
+bool no_negative_eigenvalue(const Matrix<Rational>& X);
+
 }  // namespace kfstab::reference

@@ -8,6 +8,7 @@
 #include <set>
 #include <string>
 #include <system_error>
+#include <tuple>
 #include <utility>
 
 #include <fcntl.h>
@@ -25,24 +26,6 @@ constexpr std::string_view marker_title = "Results of kfstab. The next run into 
 
 std::string reason_of(int error) { return std::generic_category().message(error); }
 
-/// An open file that is closed whatever happens.
-class Descriptor {
- public:
-  explicit Descriptor(int number) : number_(number) {}
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
-  ~Descriptor() {
-    if (number_ >= 0) ::close(number_);
-  }
-  int number() const { return number_; }
-  bool is_open() const { return number_ >= 0; }
-  /// Some file systems tell of a full disk only here.
-  bool close() { return ::close(std::exchange(number_, -1)) == 0; }
-
- private:
-  int number_;
-};
-
 /// Returns 0, or the error.
 int write_all(int descriptor, std::string_view content) {
   while (!content.empty()) {
@@ -53,13 +36,6 @@ int write_all(int descriptor, std::string_view content) {
     content.remove_prefix(static_cast<std::size_t>(written));
   }
   return 0;
-}
-
-void write_directly(const fs::path& path, std::string_view content) {
-  Descriptor file(::open(path.c_str(), O_WRONLY | O_CLOEXEC));
-  int error = file.is_open() ? write_all(file.number(), content) : errno;
-  if (error == 0 && !file.close()) error = errno;
-  if (error != 0) throw FileError("write", path, reason_of(error));
 }
 
 /// A name beside `path` that nobody has, opened; the mode is the user's umask's, as for any new file.
@@ -105,27 +81,54 @@ void ignore_file_signals() {
   std::signal(SIGPIPE, SIG_IGN);
 }
 
-void write_file(const fs::path& path, std::string_view content) {
+PendingFile::PendingFile(fs::path path) : path_(std::move(path)) {
   std::error_code unknown;
-  const fs::file_status status = fs::status(path, unknown);
-  if (fs::is_directory(status)) throw FileError("write", path, "it is a folder");
-  const bool in_dev = path.string().starts_with("/dev/");  // /dev/stdout may lead to a regular file
-  if (fs::exists(status) && (in_dev || !fs::is_regular_file(status))) return write_directly(path, content);
-
-  // Through a symbolic link, so that the link stays.
-  const fs::path target = fs::is_symlink(fs::symlink_status(path, unknown)) ? fs::weakly_canonical(path, unknown) : path;
-  const auto [temporary, descriptor] = open_temporary(target);
-  if (descriptor < 0) throw FileError("write", path, reason_of(errno));
-
-  Descriptor file(descriptor);
-  int error = write_all(file.number(), content);
-  if (error == 0 && ::fsync(file.number()) != 0) error = errno;
-  if (!file.close() && error == 0) error = errno;
-  if (error == 0 && ::rename(temporary.c_str(), target.c_str()) != 0) error = errno;
-  if (error != 0) {
-    ::unlink(temporary.c_str());
-    throw FileError("write", path, reason_of(error));
+  const fs::file_status status = fs::status(path_, unknown);
+  if (fs::is_directory(status)) throw FileError("write", path_, "it is a folder");
+  const bool in_dev = path_.string().starts_with("/dev/");  // /dev/stdout may lead to a regular file
+  if (fs::exists(status) && (in_dev || !fs::is_regular_file(status))) {
+    descriptor_ = ::open(path_.c_str(), O_WRONLY | O_CLOEXEC);
+  } else {
+    // Through a symbolic link, so that the link stays.
+    target_ = fs::is_symlink(fs::symlink_status(path_, unknown)) ? fs::weakly_canonical(path_, unknown) : path_;
+    std::tie(temporary_, descriptor_) = open_temporary(target_);
   }
+  if (descriptor_ < 0) throw FileError("write", path_, reason_of(errno));
+}
+
+PendingFile::~PendingFile() {
+  if (descriptor_ < 0) return;
+  ::close(descriptor_);
+  if (!temporary_.empty()) ::unlink(temporary_.c_str());
+}
+
+void PendingFile::write(std::string_view content) {
+  constexpr std::size_t piece = std::size_t{1} << 16;
+  buffer_ += content;
+  if (buffer_.size() < piece) return;
+  if (const int error = write_all(descriptor_, buffer_)) fail(error);
+  buffer_.clear();
+}
+
+void PendingFile::commit() {
+  int error = write_all(descriptor_, buffer_);
+  if (error == 0 && !temporary_.empty() && ::fsync(descriptor_) != 0) error = errno;
+  // Some file systems tell of a full disk only here.
+  if (::close(std::exchange(descriptor_, -1)) != 0 && error == 0) error = errno;
+  if (error == 0 && !temporary_.empty() && ::rename(temporary_.c_str(), target_.c_str()) != 0) error = errno;
+  if (error != 0) fail(error);
+}
+
+void PendingFile::fail(int error) {
+  if (descriptor_ >= 0) ::close(std::exchange(descriptor_, -1));
+  if (!temporary_.empty()) ::unlink(temporary_.c_str());
+  throw FileError("write", path_, reason_of(error));
+}
+
+void write_file(const fs::path& path, std::string_view content) {
+  PendingFile file(path);
+  file.write(content);
+  file.commit();
 }
 
 Folder::Folder(fs::path path) : path_(std::move(path)) {

@@ -24,6 +24,27 @@ class FileError : public std::runtime_error {
 /// Turns SIGXFSZ and SIGPIPE into ordinary errors of the call that writes, for the whole process.
 void ignore_file_signals();
 
+/// A file that is written piece by piece, under a temporary name beside `path`. commit() flushes it to the disk and renames
+/// it to `path`; without it the temporary is removed, and what stood at `path` stands. What goes wrong is thrown as
+/// FileError. A `path` that is not a regular file (/dev/stdout, a pipe) is written directly.
+class PendingFile {
+ public:
+  explicit PendingFile(std::filesystem::path path);
+  PendingFile(const PendingFile&) = delete;
+  PendingFile& operator=(const PendingFile&) = delete;
+  ~PendingFile();
+
+  void write(std::string_view content);
+  void commit();
+
+ private:
+  [[noreturn]] void fail(int error);
+
+  std::filesystem::path path_, target_, temporary_;  // no temporary: written directly
+  int descriptor_ = -1;
+  std::string buffer_;
+};
+
 /// Writes `content` under a temporary name beside `path`, flushes it to the disk, then renames it to `path`.
 /// If anything fails the temporary is removed, what stood at `path` stands, and FileError is thrown.
 /// A `path` that is not a regular file (/dev/stdout, a pipe) is written directly.

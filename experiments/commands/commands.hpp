@@ -30,6 +30,17 @@ struct RunArguments {
 };
 int run_command(const RunArguments& arguments);
 
+struct ReferenceArguments {
+  std::string system;
+  std::optional<std::int64_t> steps;
+  std::optional<std::uint64_t> seed;
+  int digits = 30;
+  SetArguments set;
+  std::string json;
+  std::string cache;
+};
+int reference_command(const ReferenceArguments& arguments);
+
 struct ClaimArguments {
   std::string claims;
   SetArguments set;

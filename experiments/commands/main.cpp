@@ -78,6 +78,27 @@ int command_line(int argc, char** argv) {
     exit_code = run_command(run);
   });
 
+  ReferenceArguments reference;
+  auto* reference_app =
+      add_command("reference", "Print what is true of a system, to certified digits, for others to test against");
+  reference_app->add_option("SYSTEM", reference.system, "a name that `list systems` prints, or a file (.toml, .json)")
+      ->required();
+  reference_app->add_option("--digits", reference.digits, "digits to certify, and to print at most")
+      ->envname("KFSTAB_DIGITS")->check(CLI::Range(1, 750).description(""))->capture_default_str();
+  reference_app->add_option("--steps", reference.steps, "steps to compute, instead of the system's own")
+      ->envname("KFSTAB_STEPS")->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 53).description(""));
+  reference_app->add_option("--seed", reference.seed, "seed of simulated data, instead of the system's own")
+      ->envname("KFSTAB_SEED");
+  add_set(reference_app, "value of one of the system's [parameters]; 1e-30 and 1/3 are exact");
+  reference_app->add_option("--json", reference.json, "all steps as JSON into this file, none on the terminal; - for stdout")
+      ->envname("KFSTAB_JSON")->type_name("FILE");
+  reference_app->add_option("--cache", reference.cache, "folder that keeps what was computed; processes may share it")
+      ->envname("KFSTAB_CACHE")->type_name("DIR");
+  reference_app->callback([&] {
+    reference.set = split(set);
+    exit_code = reference_command(reference);
+  });
+
   ClaimArguments claim;
   auto* claim_app = add_command("claim", "Measure claims of the literature, and judge them");
   claim_app->add_option("REGEX", claim.claims, "regular expression on claim ids; after --, a leading - excludes; else all");

@@ -190,7 +190,7 @@ TEST_F(Tool, HelpAndVersionGoToStdout) {
   const Outcome help = run({"--help"});
   EXPECT_EQ(help.exit_code, 0);
   EXPECT_EQ(help.err, "");
-  for (const char* word : {"run", "claim", "demo", "list", "Exit codes"})
+  for (const char* word : {"run", "reference", "claim", "demo", "list", "Exit codes"})
     EXPECT_NE(help.out.find(word), std::string::npos) << word;
   const Outcome of_run = run({"run", "--help"});
   EXPECT_EQ(of_run.exit_code, 0);
@@ -244,6 +244,17 @@ TEST_F(Tool, WrongUsageIsTwo) {
       {{"claim", "asymmetry-growth", "--set", "r=x"}, "expected a number"},
       {{"list", "frobs"}, "frobs"},
       {{"run", "missing.toml"}, "missing.toml: found no such file"},
+      {{"reference"}, "SYSTEM"},
+      {{"reference", "local-level", "rotation"}, "rotation"},
+      {{"reference", "local-level", "--digits", "0"}, "--digits"},
+      {{"reference", "local-level", "--digits", "751"}, "--digits"},
+      {{"reference", "local-level", "--steps", "0"}, "--steps"},
+      {{"reference", "local-level", "--set", "q=1e-400"}, "which is not 0"},
+      {{"reference", "local-level", "--set", "nosuch=1"}, "nosuch"},
+      {{"reference", "local-level", "--filters", "ckf"}, "--filters"},
+      {{"reference", "missing.toml"}, "missing.toml: found no such file"},
+      {{"reference", "local-level", "--json", "."}, "it is a folder"},
+      {{"reference", "local-level", "--json", "missing/x.json"}, "cannot write missing/x.json"},
       {{"run", "missing/x"}, "missing/x: found no such file"},
       {{"run", "dyer-mcreynold"}, "did you mean 'dyer-mcreynolds'?"},
   };
@@ -551,4 +562,142 @@ TEST_F(Tool, OffATerminalThereIsNoProgress) {
   const Outcome outcome = run({"run", "constant-velocity", "--filters", "^ckf$", "--steps", "3000", "--out", "out"});
   EXPECT_EQ(outcome.err.find("\x1b"), std::string::npos);
   EXPECT_EQ(outcome.err.find(" of 3000"), std::string::npos) << outcome.err;
+}
+
+// The reference: exact numbers in, certified digits out.
+
+TEST_F(Tool, ReferencePrintsCertifiedDigits) {
+  put(here / "cart.toml", cart("R", "R = \"1/3\""));
+  const Outcome outcome = run({"reference", "cart.toml", "--digits", "40", "--steps", "2", "--set", "q=1e-30"});
+  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_EQ(outcome.err, "");
+  EXPECT_EQ(outcome.out.find("cart: n = 2, m = 1, p = 1, 2 steps; the reference, to 40 digits\nk = 0, "), 0u)
+      << outcome.out;
+  // Re = P0[0,0] + R = 7/3, K = A P C' / Re = (2 + .5 / 2, .5) 3 / 7
+  EXPECT_NE(outcome.out.find("  Re[0,0]           2.333333333333333333333333333333333333333\n"), std::string::npos)
+      << outcome.out;
+  EXPECT_NE(outcome.out.find("  K[0,0]            0.9642857142857142857142857142857142857143\n"), std::string::npos)
+      << outcome.out;
+  EXPECT_NE(outcome.out.find("\nk = 1, "), std::string::npos);
+  EXPECT_EQ(outcome.out.find("x["), std::string::npos) << "there are no data";
+  EXPECT_EQ(entries(here), 1u) << "nothing is written";
+}
+
+TEST_F(Tool, ReferencePrintsFirstAndLastStepsOfALongRun) {
+  const Outcome outcome = run({"reference", "local-level", "--steps", "100"});
+  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_EQ(count(outcome.out, "digits certified\n"), 6u);
+  EXPECT_NE(outcome.out.find("\nk = 3 to 96: left out here; --json FILE has them\nk = 97, "), std::string::npos)
+      << outcome.out;
+  EXPECT_EQ(count(run({"reference", "local-level", "--steps", "6"}).out, "left out"), 0u);
+}
+
+TEST_F(Tool, ReferenceAsJson) {
+  const Outcome to_file = run({"reference", "local-level", "--steps", "20", "--digits", "60", "--json", "out.json"});
+  EXPECT_EQ(to_file.exit_code, 0) << to_file.err;
+  EXPECT_EQ(to_file.out, "20 steps: out.json\n");
+  const std::string text = read(here / "out.json");
+  EXPECT_EQ(text.find("{\n \"schema\": \"kfstab.reference/1\",\n \"context\": {"), 0u) << text.substr(0, 80);
+  const json document = json::parse(text);
+  EXPECT_EQ(document["system"]["name"], "local-level");
+  EXPECT_EQ(document["digits"], 60);
+  EXPECT_EQ(document["steps_asked"], 20);
+  EXPECT_EQ(document["interrupted"], false);
+  ASSERT_EQ(document["steps"].size(), 20u);
+  for (int k = 0; k < 20; ++k) {
+    const json& step = document["steps"][static_cast<std::size_t>(k)];
+    EXPECT_EQ(step["k"], k);
+    EXPECT_GE(step["certified_digits"].get<int>(), 60);
+    EXPECT_EQ(step["P"][0][0].get<std::string>().size(), 61u) << "60 digits and a point: " << step["P"];
+    for (const char* key : {"P_filtered", "K", "Re", "x", "log_likelihood", "y"})
+      EXPECT_TRUE(step.contains(key)) << key;
+  }
+  const Outcome to_stdout = run({.arguments = {"reference", "local-level"},
+                                 .environment = {"KFSTAB_STEPS=20", "KFSTAB_DIGITS=60", "KFSTAB_JSON=-"}});
+  EXPECT_EQ(to_stdout.exit_code, 0);
+  EXPECT_EQ(to_stdout.err, "");
+  EXPECT_EQ(json::parse(to_stdout.out)["steps"], document["steps"]);
+}
+
+TEST_F(Tool, ReferenceWithoutAnAnswerKeepsWhatIsBeforeAndIsTwo) {
+  const std::string certain =
+      "name = \"certain\"\nsteps = 3\nA = 0\nB = [[]]\nC = 1\nQ = []\nR = { list = [1, 0, 1] }\nP0 = 1\n";
+  put(here / "certain.toml", certain);
+  const Outcome outcome = run({"reference", "certain.toml", "--json", "out.json"});
+  EXPECT_EQ(outcome.exit_code, 2);
+  EXPECT_EQ(outcome.err.find("kfstab: certain: the reference has no answer: step 1: "), 0u) << outcome.err;
+  const json document = json::parse(read(here / "out.json"));
+  EXPECT_EQ(document["steps"].size(), 1u);
+  EXPECT_NE(document["error"].get<std::string>().find("step 1"), std::string::npos);
+  const Outcome printed = run({"reference", "certain.toml"});
+  EXPECT_EQ(printed.exit_code, 2);
+  EXPECT_EQ(count(printed.out, "digits certified\n"), 1u) << printed.out;
+}
+
+TEST_F(Tool, ReferenceOfMillionsOfStepsFitsAndIsInterrupted) {
+  const std::size_t one = static_cast<std::size_t>(
+      run({"reference", "local-level", "--steps", "1", "--json", "one.json"}).max_resident_kib);
+  const Outcome outcome =
+      run({.arguments = {"reference", "local-level", "--steps", "9000000", "--json", "out.json", "--cache", "cache"},
+           .interrupt_after = 1.5,
+           .stderr_is_terminal = true});
+  EXPECT_EQ(outcome.exit_code, 130) << outcome.err;
+  EXPECT_NE(outcome.err.find("interrupted; the steps done are written"), std::string::npos) << outcome.err;
+  const json document = json::parse(read(here / "out.json"));
+  EXPECT_EQ(document["interrupted"], true);
+  EXPECT_EQ(document["steps_asked"], 9000000);
+  EXPECT_EQ(entries(here / "cache"), 0u) << "half a trajectory is not kept";
+  // A step is 300 bytes of text; beside them only buffers of 64 KiB each.
+  EXPECT_LT(static_cast<std::size_t>(outcome.max_resident_kib), one + 4096) << document["steps"].size() << " steps";
+}
+
+TEST_F(Tool, ReferenceFromTheCacheIsTheSame) {
+  const std::vector<std::string> arguments = {"reference", "rotation", "--steps", "40", "--cache", "cache"};
+  auto with = [&](std::initializer_list<std::string> more) {
+    auto all = arguments;
+    all.insert(all.end(), more);
+    return run(all);
+  };
+  const Outcome plain = run({"reference", "rotation", "--steps", "40"}), first = with({}), second = with({});
+  EXPECT_EQ(first.exit_code, 0) << first.err;
+  EXPECT_EQ(first.out, plain.out);
+  EXPECT_EQ(second.out, plain.out);
+  EXPECT_EQ(second.err, "");
+  EXPECT_EQ(entries(here / "cache"), 1u);
+  EXPECT_EQ(json::parse(with({"--json", "-"}).out)["steps"],
+            json::parse(run({"reference", "rotation", "--steps", "40", "--json", "-"}).out)["steps"]);
+  EXPECT_EQ(entries(here / "cache"), 1u) << "text and JSON are of one computation";
+  put(here / "file", "");
+  const Outcome refused = run({"reference", "rotation", "--cache", "file"});
+  EXPECT_EQ(refused.exit_code, 2);
+  EXPECT_NE(refused.err.find("cannot create folder file"), std::string::npos) << refused.err;
+}
+
+TEST_F(Tool, ProcessesShareACache) {
+  const Start start{.arguments = {"reference", "rotation", "--steps", "300", "--json", "-", "--cache", "cache"}};
+  const json alone = json::parse(run({"reference", "rotation", "--steps", "300", "--json", "-"}).out)["steps"];
+  for (int round = 0; round < 3; ++round) {
+    std::vector<Outcome> outcomes(4);
+    std::vector<std::thread> threads;
+    for (Outcome& outcome : outcomes) threads.emplace_back([&] { outcome = run(start); });
+    for (std::thread& thread : threads) thread.join();
+    for (const Outcome& outcome : outcomes) {
+      EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+      EXPECT_EQ(json::parse(outcome.out)["steps"], alone);
+    }
+    ASSERT_EQ(entries(here / "cache"), 1u);
+    // The next round finds it torn.
+    const fs::path file = fs::directory_iterator(here / "cache")->path();
+    fs::resize_file(file, fs::file_size(file) / 2);
+  }
+}
+
+TEST_F(Tool, ACacheThatCannotBeWrittenIsAWarning) {
+  const Outcome outcome =
+      run({.arguments = {"reference", "rotation", "--steps", "400", "--cache", "cache"}, .file_size = 70000});
+  EXPECT_EQ(outcome.exit_code, 0);
+  EXPECT_NE(outcome.err.find("kfstab: warning: nothing is kept in the cache: cannot write cache/"), std::string::npos)
+      << outcome.err;
+  EXPECT_EQ(outcome.out, run({"reference", "rotation", "--steps", "400"}).out);
+  EXPECT_EQ(entries(here / "cache"), 0u);
 }

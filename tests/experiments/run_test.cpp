@@ -303,3 +303,46 @@ TEST(RunDeathTest, ASecondInterruptionEndsTheProcess) {
   };
   EXPECT_EXIT(twice(), ::testing::KilledBySignal(SIGINT), "");
 }
+
+// Trajectories of the reference: as many as there are problems that differ as exact numbers.
+
+TEST(Run, ProblemsOfTheSameNumbersShareATrajectory) {
+  // Roots and inverses of everything are dyadic, so that the three problems are one.
+  const std::string dyadic = R"(
+name = "dyadic"
+A = [[1, 0.5], [0, 0.5]]
+B = [[1], [0.5]]
+C = [[1, 0]]
+Q = 0.25
+R = 4
+P0 = { diagonal = [16, 1] }
+steps = 20
+measurements = { simulate = { seed = 1 } }
+)";
+  const SystemRun together = run_text(dyadic, symmetric);
+  EXPECT_EQ(together.trajectories, 1);
+  for (const FilterRun& shared : together.filters) {
+    const SystemRun apart = run_text(dyadic, "^" + std::string(shared.metadata->id) + "$");
+    EXPECT_EQ(apart.trajectories, 1);
+    const FilterRun& alone = apart.filters.front();
+    // Errors of a few u, of truths that agree to 30 digits at least: equal to 30 - 16 digits but for the order of sums.
+    const double tolerance = 1e-12;
+    const auto expect_same = [&](const Series& x, const Series& y, const char* what) {
+      ASSERT_EQ(x.count(), y.count()) << what;
+      const auto a = x.points().value, b = y.points().value;
+      for (std::size_t k = 0; k < a.size(); ++k)
+        EXPECT_NEAR(a[k], b[k], tolerance * std::fabs(a[k])) << shared.metadata->id << ", " << what << ", step " << k;
+    };
+    expect_same(shared.covariance_error, alone.covariance_error, "covariance");
+    expect_same(shared.gain_error, alone.gain_error, "gain");
+    expect_same(shared.state_error, alone.state_error, "state");
+    expect_same(shared.bound, alone.bound, "bound");
+  }
+}
+
+TEST(Run, ProblemsOfDifferentNumbersDoNot) {
+  // P0 has no root in double, A no inverse.
+  EXPECT_EQ(run_text(benign, symmetric).trajectories, 3);
+  EXPECT_EQ(run_text(benign, "^(ckf|joseph|srcf)$").trajectories, 2);
+  EXPECT_EQ(run_text(benign, "^(ckf|joseph)$").trajectories, 1);
+}

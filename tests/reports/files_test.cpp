@@ -53,6 +53,42 @@ TEST_F(Files, WritesAndReplacesWithoutATrace) {
   EXPECT_EQ(entries(folder), 1u);
 }
 
+TEST_F(Files, APendingFileIsThereOnceItIsCommitted) {
+  put(folder / "a", "old");
+  {
+    PendingFile file(folder / "a");
+    file.write("lost");
+    EXPECT_EQ(read(folder / "a"), "old");
+  }
+  EXPECT_EQ(read(folder / "a"), "old");
+  EXPECT_EQ(entries(folder), 1u) << "no temporary is left";
+  PendingFile file(folder / "a");
+  std::string all;
+  for (int i = 0; i < 100000; ++i) {  // many times what is held back
+    const std::string piece = std::to_string(i) + "\n";
+    file.write(piece);
+    all += piece;
+  }
+  EXPECT_EQ(read(folder / "a"), "old");
+  file.commit();
+  EXPECT_EQ(read(folder / "a"), all);
+  EXPECT_EQ(entries(folder), 1u);
+}
+
+TEST_F(Files, APendingFileThatCannotBeWrittenLeavesNothing) {
+  put(folder / "a", "old");
+  const FileSizeLimit limit(100000);
+  ignore_file_signals();
+  PendingFile file(folder / "a");
+  const std::string piece(60000, 'x');
+  EXPECT_NE(error_of([&] {
+              for (int i = 0; i < 4; ++i) file.write(piece);
+            }).find("cannot write " + (folder / "a").string()),
+            std::string::npos);
+  EXPECT_EQ(read(folder / "a"), "old");
+  EXPECT_EQ(entries(folder), 1u);
+}
+
 TEST_F(Files, NewFilesHaveTheUsersMode) {
   const mode_t old = ::umask(027);
   write_file(folder / "a", "one");
