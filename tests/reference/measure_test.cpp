@@ -98,11 +98,15 @@ TEST_F(Measure, CovarianceWithAKnownError) {
     const Matrix<Wide> difference = minus(exact<Wide>(held), P);
     const Wide expected = norm(difference) / norm(P);
     expect_same(errors.covariance, expected);
-    Wide entry = 0;
+    Wide largest = 0;
+    const Matrix<double> entries = trajectory->entry_errors(holding(Held::covariance), step_with(&held));
     for (Index j = 0; j < 3; ++j)
-      for (Index i = 0; i < 3; ++i)
-        entry = std::max(entry, Wide(abs(difference(i, j)) / sqrt(Wide(P(i, i) * P(j, j)))));
-    expect_same(errors.entrywise, entry);
+      for (Index i = 0; i < 3; ++i) {
+        const Wide entry = abs(difference(i, j)) / sqrt(Wide(P(i, i) * P(j, j)));
+        expect_same(entries(i, j), entry);
+        largest = std::max(largest, entry);
+      }
+    expect_same(errors.entrywise, largest);
     EXPECT_EQ(errors.asymmetry, 0);
     EXPECT_EQ(errors.correct_digits, std::clamp(-std::log10(errors.covariance), 0.0, 53 * std::log10(2.0)));
     EXPECT_TRUE(std::isnan(errors.gain));
@@ -225,6 +229,8 @@ TEST(MeasureZero, RelativeToAnExactZero) {
   EXPECT_EQ(errors.covariance, std::numeric_limits<double>::infinity());
   EXPECT_EQ(errors.gain, std::numeric_limits<double>::infinity());
   EXPECT_EQ(errors.entrywise, 0);  // no state has a variance to be relative to
+  EXPECT_EQ(trajectory.entry_errors(holding(Held::covariance), step_with(&held)), Matrix<double>::Zero(2, 2));
+  EXPECT_EQ(trajectory.entry_errors(holding(Held::gain), step_with(nullptr)).size(), 0);
   EXPECT_EQ(errors.correct_digits, 0);
 }
 
