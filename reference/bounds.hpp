@@ -27,12 +27,12 @@ class FirstOrderBound {
   /// The bound of ||dP||_F / ||P||_F after the step that the truth is of; steps must be given in order from the first.
   double advance(const Truth& truth);
 
-  /// The bound of ||dK||_F / ||K||_F of the same step, K the gain that the form computes, predictor or filter. What was
-  /// wrong with P before the step enters by (3.2): -W <= dP <= W makes
+  /// The bound of ||dK||_F / ||K||_F of the same step, K the gain that the form computes, predictor or filter, theory
+  /// (4.6): what was wrong with P before the step, by
   ///
-  ///     ||F dP C'Re^{-1}||_F <= (tr F W F'  tr Re^{-1} C W C' Re^{-1})^{1/2},      F or, of Kf, I - Kf C;
+  ///     (tr F W F'  tr Re^{-1} C W C' Re^{-1})^{1/2},      F or, of Kf, I - Kf C,
   ///
-  /// to this the step adds, with u (n+m+p) for the constant,
+  /// with ||Re^{-1}|| in the place of the two Re^{-1}; and what the step adds, with u (n+m+p) for the constant,
   ///     held P   k(Re) ||K||                                          (4.1)
   ///     held S   ((s1/sp) ||S+|| + s1 ||G|| + ||S+|| / cos) / sp      (4.2); of Kf, S_{k|k} in the place of S+
   /// NaN for the forms that hold T or Y, of whose gain section 4 says nothing.

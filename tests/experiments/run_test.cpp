@@ -120,6 +120,34 @@ TEST(Run, TheBoundIsAboveTheErrorsOfSymmetricFormsAtEveryStep) {
         EXPECT_LE(errors.value[k], bound.value[k]) << name << ", " << f.metadata->id << ", step " << k;
         EXPECT_GE(bound.value[k], 0x1p-53) << name << ", " << f.metadata->id << ", step " << k;
       }
+      const auto gain_errors = f.gain_error.points(), gain_bound = f.gain_bound.points();
+      if (!holds_root(f.metadata->holds) && f.metadata->holds != Held::covariance) {
+        EXPECT_TRUE(gain_bound.step.empty()) << f.metadata->id;
+        continue;
+      }
+      ASSERT_EQ(gain_errors.step, gain_bound.step);
+      for (std::size_t k = 0; k < gain_errors.step.size(); ++k)
+        EXPECT_LE(gain_errors.value[k], gain_bound.value[k]) << name << ", " << f.metadata->id << ", step " << k;
+    }
+  }
+}
+
+TEST(Run, SaysWhatTheSystemDoesToAnErrorWhicheverFiltersRun) {
+  const SystemRun one = run(find_system("rotation", {{}, 30, {}}), select_filters("^ckf$"), {});
+  const AnalysisRun& analysis = one.analysis;
+  for (const Series* series :
+       {&analysis.gamma, &analysis.log10_amplification, &analysis.innovation_condition, &analysis.cosine})
+    EXPECT_EQ(series->count(), 30);
+  // Submultiplicative: no more than the product of the gammas
+  double sum = 0;
+  const auto gamma = analysis.gamma.points().value, all = analysis.log10_amplification.points().value;
+  for (std::size_t k = 0; k < gamma.size(); ++k) {
+    sum += 2 * std::log10(gamma[k]);
+    // a few roundings a step, of the product and of the sum of logarithms
+    const double rounding = 16 * 0x1p-53 * static_cast<double>(k + 1) * (1 + std::abs(sum));
+    EXPECT_LE(all[k], sum + rounding) << k;
+    if (k == 0) {
+      EXPECT_NEAR(all[k], sum, rounding);
     }
   }
 }
