@@ -15,13 +15,7 @@ using detail::sum_of;
 using detail::times;
 using detail::transpose_of;
 
-template <int Cols>
-Matrix<Rational, Dynamic, Cols> rational(const Matrix<double, Dynamic, Cols>& X) {
-  Matrix<Rational, Dynamic, Cols> Y(X.rows(), X.cols());
-  for (Index j = 0; j < X.cols(); ++j)
-    for (Index i = 0; i < X.rows(); ++i) Y(i, j) = Rational(X(i, j));
-  return Y;
-}
+Vector<Rational> rational_vector(const Vector<double>& x) { return rational(Matrix<double>(x)); }
 
 Matrix<Rational> inverse(const Matrix<Rational>& X) {
   Matrix<Rational> Y = detail::unit<Rational>(X.rows());
@@ -33,8 +27,7 @@ Matrix<Rational> inverse(const Matrix<Rational>& X) {
 
 /// L L', of the lower triangle.
 Matrix<Rational> square_of_lower(const Matrix<double>& L) {
-  const Matrix<Rational> X = rational(Matrix<double>(L.triangularView<Eigen::Lower>()));
-  return times(X, transpose_of(X));
+  return product_of_root(rational(Matrix<double>(L.triangularView<Eigen::Lower>())));
 }
 
 /// (U'U)^{-1}, of the upper triangle.
@@ -78,7 +71,7 @@ CovarianceModel<Rational> exact_model(const InformationModel<double>& from, bool
   if (has_mean) {
     Vector<Rational> drift(n);
     for (Index i = 0; i < n; ++i) drift(i) = 0;
-    if (from.w_mean.size() > 0) drift = times(to.B, rational(from.w_mean));
+    if (from.w_mean.size() > 0) drift = times(to.B, rational_vector(from.w_mean));
     for (Index i = 0; i < n; ++i) to.D(i, inputs) = drift(i);
   }
   return to;
@@ -111,7 +104,7 @@ class ConvertedData final : public ExactData {
     Stream(std::unique_ptr<DataStream> stream, bool has_mean) : stream_(std::move(stream)), has_mean_(has_mean) {}
     const StepDataOf<Rational>& next() override {
       const StepData& from = stream_->next();
-      now_.y = rational(from.y);
+      now_.y = rational_vector(from.y);
       const Index inputs = from.u.size();
       now_.u.resize(inputs + (has_mean_ ? 1 : 0));
       for (Index i = 0; i < inputs; ++i) now_.u(i) = Rational(from.u(i));
@@ -139,7 +132,7 @@ ExactProblem exact_problem(const AnyProblem<double>& any) {
         ExactProblem to;
         for (const auto& model : problem.models) to.models.push_back(exact_model(model, has_mean));
         to.initial = exact_initial(problem);
-        to.x0 = rational(problem.x0);
+        to.x0 = rational_vector(problem.x0);
         return to;
       },
       any);
