@@ -17,10 +17,6 @@ namespace {
 using nlohmann::json;
 using properties::System;
 using reference::Rational;
-using reference::testing::plus;
-using reference::testing::Rationals;
-using reference::testing::times;
-using reference::testing::transposed;
 using reference::testing::Wide;
 using reference::testing::wide;
 
@@ -65,13 +61,6 @@ std::vector<std::string> lines(const System& system, ReferenceRequest request = 
   return taken;
 }
 
-Rationals rows(const Matrix<Rational>& X) {
-  Rationals Y(static_cast<std::size_t>(X.rows()), std::vector<Rational>(static_cast<std::size_t>(X.cols())));
-  for (Index i = 0; i < X.rows(); ++i)
-    for (Index j = 0; j < X.cols(); ++j) Y[static_cast<std::size_t>(i)][static_cast<std::size_t>(j)] = X(i, j);
-  return Y;
-}
-
 Rational power_of_ten(long exponent) { return *properties::read_exact("1e" + std::to_string(exponent)); }
 
 /// One unit in the last place that the text has.
@@ -99,57 +88,42 @@ void expect_right(const json& entry, const Rational& truth, std::size_t most, co
   EXPECT_LE(digits(text), most) << what;
   EXPECT_TRUE(truth == 0 || digits(text) > 0) << what << ": " << text;
 }
-void expect_right(const json& entries, const Rationals& truth, std::size_t most, const std::string& what) {
-  ASSERT_EQ(entries.size(), truth.size()) << what;
-  for (std::size_t i = 0; i < truth.size(); ++i) {
-    ASSERT_EQ(entries[i].size(), truth[i].size()) << what;
-    for (std::size_t j = 0; j < truth[i].size(); ++j)
-      expect_right(entries[i][j], truth[i][j], most, what + "[" + std::to_string(i) + "," + std::to_string(j) + "]");
+void expect_right(const json& entries, const Matrix<Rational>& truth, std::size_t most, const std::string& what) {
+  ASSERT_EQ(entries.size(), static_cast<std::size_t>(truth.rows())) << what;
+  for (Index i = 0; i < truth.rows(); ++i) {
+    const json& row = entries[static_cast<std::size_t>(i)];
+    ASSERT_EQ(row.size(), static_cast<std::size_t>(truth.cols())) << what;
+    for (Index j = 0; j < truth.cols(); ++j)
+      expect_right(row[static_cast<std::size_t>(j)], truth(i, j), most,
+                   what + "[" + std::to_string(i) + "," + std::to_string(j) + "]");
   }
 }
 
-/// The textbook recursion in rational numbers beside each line.
+/// The exact filter beside each line.
 void expect_all_right(const System& system, int most) {
-  const auto problem = properties::exact_problem(system);
   const auto data = properties::exact_data(system);
-  const auto stream = data ? data->open() : nullptr;
-  const auto n = static_cast<std::size_t>(system.dimensions().n), m = static_cast<std::size_t>(system.dimensions().m),
-             p = static_cast<std::size_t>(system.dimensions().p);
-  Rationals P = rows(problem.initial), x = rows(problem.x0);
+  reference::ExactFilter filter(properties::exact_problem(system), data);
+  const auto asked = static_cast<std::size_t>(most);
   std::int64_t k = 0;
   for (const std::string& text : lines(system, {.digits = most, .cache = {}, .progress = {}})) {
     const json line = json::parse(text);
-    const auto& model = problem.model(k);
-    const Rationals A = rows(model.A), B = rows(model.B), C = rows(model.C);
+    filter.advance();
+    const reference::ExactStep& step = filter.step();
     const std::string at = system.name + " k = " + std::to_string(k) + " ";
     EXPECT_EQ(line["k"], k);
     EXPECT_GE(line["certified_digits"].get<int>(), most);
-
-    const Rationals PC = times(P, transposed(C, n), p), Re = plus(times(C, PC, p), rows(model.R));
-    const Rationals Re_inverse = reference::testing::inverse(Re), Kf = times(PC, Re_inverse, p);
-    const Rationals P_filtered = plus(P, times(Kf, transposed(PC, p), n), -1);
-    const auto asked = static_cast<std::size_t>(most);
-    expect_right(line["P"], P, asked, at + "P");
-    expect_right(line["P_filtered"], P_filtered, asked, at + "P_filtered");
-    expect_right(line["K"], times(A, Kf, p), asked, at + "K");
-    expect_right(line["Re"], Re, asked, at + "Re");
-    P = plus(times(times(A, P_filtered, n), transposed(A, n), n),
-             times(times(B, rows(model.Q), m), transposed(B, m), n));
-    if (stream) {
-      const auto& step = stream->next();
-      for (std::size_t i = 0; i < n; ++i) expect_right(line["x"][i], x[i][0], asked, at + "x");
-      const Rationals e = plus(rows(step.y), times(C, x, 1), -1);
-      // log det from the pivots of elimination, as for p <= 2
-      const Rational det = p == 1 ? Re[0][0] : Rational(Re[0][0] * Re[1][1] - Re[0][1] * Re[1][0]);
-      const Wide pi = boost::multiprecision::default_ops::get_constant_pi<Wide::backend_type>();
-      const Wide likelihood = -(static_cast<int>(p) * log(Wide(2 * pi)) + log(wide(det)) +
-                                wide(times(transposed(e, 1), times(Re_inverse, e, 1))[0][0])) /
-                              2;
+    expect_right(line["P"], step.P_predicted, asked, at + "P");
+    expect_right(line["P_filtered"], step.P_filtered, asked, at + "P_filtered");
+    expect_right(line["K"], step.predictor_gain, asked, at + "K");
+    expect_right(line["Re"], step.innovation, asked, at + "Re");
+    if (data) {
+      for (Index i = 0; i < step.x_predicted.size(); ++i)
+        expect_right(line["x"][static_cast<std::size_t>(i)], step.x_predicted(i), asked, at + "x");
       const std::string printed = line["log_likelihood"];
-      EXPECT_LE(abs(Wide(wide(*properties::read_exact(printed)) - likelihood)), wide(last_place(printed)))
+      EXPECT_LE(abs(Wide(wide(*properties::read_exact(printed)) - reference::testing::log_likelihood(step))),
+                wide(last_place(printed)))
           << at << printed;
       EXPECT_EQ(digits(printed), asked) << at << printed;
-      x = plus(times(A, plus(x, times(Kf, e, 1)), 1), times(rows(model.D), rows(step.u), 1));
     } else {
       EXPECT_FALSE(line.contains("x") || line.contains("log_likelihood") || line.contains("y")) << text;
     }
