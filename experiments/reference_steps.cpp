@@ -75,7 +75,7 @@ class Line {
 class Computation {
  public:
   Computation(const ExactProblem& problem, std::shared_ptr<const ExactData> data, int digits)
-      : digits_(digits), data_(data ? data->open() : nullptr), truth_(problem, data, {.digits = digits}) {}
+      : digits_(digits), data_(data ? data->open() : nullptr), truth_(problem, data, {.digits = digits, .each_entry = true}) {}
 
   std::string next() {
     truth_.advance();

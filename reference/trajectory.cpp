@@ -27,7 +27,7 @@ struct Trajectory::Implementation {
   detail::Source source;
   std::shared_ptr<const Data> data;
   std::shared_ptr<const ExactData> exact_data;
-  int wanted;
+  Request request;
   int pair = 0;
   std::int64_t k = -1;
   std::unique_ptr<detail::Lockstep> lockstep;
@@ -36,8 +36,9 @@ struct Trajectory::Implementation {
   mutable Truth truth;
   mutable std::int64_t truth_of = -1;
 
-  Implementation(detail::Source from, std::shared_ptr<const Data> d, std::shared_ptr<const ExactData> e, Request request)
-      : source(from), data(std::move(d)), exact_data(std::move(e)), wanted(request.digits) {
+  Implementation(detail::Source from, std::shared_ptr<const Data> d, std::shared_ptr<const ExactData> e, const Request& asked)
+      : source(from), data(std::move(d)), exact_data(std::move(e)), request(asked) {
+    const int wanted = request.digits;
     if (wanted < 1 || wanted > most_digits)
       throw ReferenceError("digits = " + std::to_string(wanted) + ": expected 1 to " + std::to_string(most_digits));
     detail::check(source, with_data());
@@ -60,7 +61,7 @@ struct Trajectory::Implementation {
     if (stream) now = &stream->next();
     if (exact_stream) now = &exact_stream->next();
     if (with_data()) detail::check(now, source, at);
-    return lockstep->advance(now, wanted);
+    return lockstep->advance(now, request);
   }
 
   /// From step 0 to step `last`, at the current pair.
@@ -74,10 +75,10 @@ struct Trajectory::Implementation {
   /// To the rung that has room for what was lost here, or the next one.
   void climb() {
     if (pair + 1 == detail::pairs)
-      throw ReferenceError("fewer than " + std::to_string(wanted) + " digits can be certified with " +
+      throw ReferenceError("fewer than " + std::to_string(request.digits) + " digits can be certified with " +
                            std::to_string(lockstep->higher_digits()) + " at work; " + lockstep->why());
     const int certified = lockstep->certified_digits();
-    const int needed = certified > 0 ? wanted + lockstep->lower_digits() - certified : 0;
+    const int needed = certified > 0 ? request.digits + lockstep->lower_digits() - certified : 0;
     do ++pair;
     while (pair + 1 < detail::pairs && detail::rung_digits[pair] < needed);
   }

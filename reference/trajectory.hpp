@@ -85,6 +85,9 @@ inline constexpr std::size_t quantities = 10;
 struct Request {
   int digits = 30;       ///< to be certified, 1 to 750
   int first_digits = 0;  ///< the precision to try first, raised to the next rung; 0: what `digits` is likely to need
+  /// Certify each entry by itself, not only each quantity relative to its norm. An entry that is no more than rounding of
+  /// what it is made of, in both precisions, counts as 0.
+  bool each_entry = false;
 };
 
 /// The reference trajectory of one problem. Holds the current step and nothing before it.

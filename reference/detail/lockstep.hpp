@@ -31,9 +31,9 @@ class Lockstep {
  public:
   virtual ~Lockstep() = default;
 
-  /// One step of both. True if at least `wanted` digits agree; else why() says what did not, and this pair is spent.
+  /// One step of both. True if as many digits agree as are requested; else why() says what did not, and this pair is spent.
   /// Throws ReferenceError where no higher precision would help.
-  virtual bool advance(const SourceData& data, int wanted) = 0;
+  virtual bool advance(const SourceData& data, const Request& request) = 0;
   virtual const std::string& why() const = 0;
   virtual void round_into(Truth& truth) const = 0;
   virtual Errors measure(const Metadata& metadata, const Step<double>& step) const = 0;

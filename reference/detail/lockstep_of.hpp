@@ -24,21 +24,22 @@ class LockstepOf final : public Lockstep {
       : low_(source, with_data), high_(source, with_data), information_(is_information(source)),
         is_exact_(std::holds_alternative<const ExactProblem*>(source)) {}
 
-  bool advance(const SourceData& data, int wanted) override {
+  bool advance(const SourceData& data, const Request& request) override {
     const auto low_end = low_.advance(data);
     const auto high_end = high_.advance(data);
     if (!low_end.done || !high_end.done) return broken_down(low_end, high_end);
     if (!is_exact_) high_.require_range();
 
-    wanted_ = wanted;
+    wanted_ = request.digits;
+    each_entry_ = request.each_entry;
     agreed_.fill(static_cast<int>(Low));
     K_is_zero_ = Kf_is_zero_ = F_is_zero_ = x_filtered_is_zero_ = x_next_is_zero_ = false;
     at(Quantity::P_predicted) = P_next_agreed_;
     at(Quantity::x_predicted) = x_next_agreed_;
-    if (high_.k() == 0) agree(Quantity::P_predicted, "P_{0|-1}", low_.P_predicted, high_.P_predicted);
-    agree(Quantity::innovation, "Re", low_.Re, high_.Re);
-    agree(Quantity::P_filtered, "P_{k|k}", low_.P_filtered, high_.P_filtered);
-    agree(Quantity::P_next, "P_{k+1|k}", low_.P_next, high_.P_next);
+    if (high_.k() == 0) agree(Quantity::P_predicted, "P_{0|-1}", low_.P_predicted, high_.P_predicted, high_.P_filtered_scale);
+    agree(Quantity::innovation, "Re", low_.Re, high_.Re, high_.Re_scale);
+    agree(Quantity::P_filtered, "P_{k|k}", low_.P_filtered, high_.P_filtered, high_.P_filtered_scale);
+    agree(Quantity::P_next, "P_{k+1|k}", low_.P_next, high_.P_next, high_.P_next_scale);
     agree_or_zero(at(Quantity::filter_gain), "Kf", low_.Kf, high_.Kf, high_.Kf_scale, Kf_is_zero_);
     agree_or_zero(at(Quantity::predictor_gain), "K", low_.K, high_.K, high_.K_scale, K_is_zero_);
     int other = static_cast<int>(Low);
@@ -54,7 +55,7 @@ class LockstepOf final : public Lockstep {
     }
     P_next_agreed_ = at(Quantity::P_next);
     x_next_agreed_ = at(Quantity::x_next);
-    return certified_ >= wanted;
+    return certified_ >= request.digits;
   }
 
   const std::string& why() const override { return why_; }
@@ -191,21 +192,40 @@ class LockstepOf final : public Lockstep {
 
   int& at(Quantity quantity) { return agreed_[static_cast<std::size_t>(quantity)]; }
 
-  void agree(Quantity quantity, const char* name, const Matrix<L>& low, const Matrix<H>& high) {
-    record(name, at(quantity) = agreement(high, low, true, static_cast<int>(Low)));
+  /// Rounding of its terms in both precisions, at the level of each (that fraction of its digits below them): it is zero.
+  template <class X, class Y>
+  static bool no_more_than_rounding(const X& high, const Y& low, double scale, double level) {
+    const double bits_of_a_digit = std::log2(10.0);
+    return magnitude(high) <= scale - level * High * bits_of_a_digit &&
+           magnitude(low) <= scale - level * Low * bits_of_a_digit;
+  }
+
+  /// The least agreement of an entry, but for those that are zero. Small entries are common, small norms are not: it
+  /// takes more to be taken for zero.
+  template <int Cols>
+  static int agreement_of_entries(const Matrix<H, Dynamic, Cols>& high, const Matrix<L, Dynamic, Cols>& low, double scale) {
+    int least = static_cast<int>(Low);
+    for (Index j = 0; j < high.cols(); ++j)
+      for (Index i = 0; i < high.rows(); ++i) {
+        const int digits = digits_of(distance(high(i, j), low(i, j)), distance(high(i, j), L(0)), static_cast<int>(Low));
+        if (digits < least && !no_more_than_rounding(high.block(i, j, 1, 1), low.block(i, j, 1, 1), scale, 0.9))
+          least = digits;
+      }
+    return least;
+  }
+
+  void agree(Quantity quantity, const char* name, const Matrix<L>& low, const Matrix<H>& high, double scale) {
+    record(name, at(quantity) = each_entry_ ? agreement_of_entries(high, low, scale)
+                                            : agreement(high, low, true, static_cast<int>(Low)));
   }
 
   template <int Cols>
   void agree_or_zero(int& digits, const char* name, const Matrix<L, Dynamic, Cols>& low,
                      const Matrix<H, Dynamic, Cols>& high, double scale, bool& is_zero) {
     digits = agreement(high, low, false, static_cast<int>(Low));
-    if (digits < wanted_) {
-      // Rounding of its terms in both precisions, at the level of each: it is zero.
-      const double bits_of_a_digit = std::log2(10.0);
-      is_zero = magnitude(high) <= scale - 0.8 * High * bits_of_a_digit &&
-                magnitude(low) <= scale - 0.8 * Low * bits_of_a_digit;
-      if (is_zero) return;
-    }
+    is_zero = digits < wanted_ && no_more_than_rounding(high, low, scale, 0.8);
+    if (is_zero) return;
+    if (each_entry_) digits = agreement_of_entries(high, low, scale);
     record(name, digits);
   }
 
@@ -363,6 +383,7 @@ class LockstepOf final : public Lockstep {
   std::array<int, quantities> agreed_{};
   int P_next_agreed_ = static_cast<int>(Low), x_next_agreed_ = static_cast<int>(Low);
   int wanted_ = 0;
+  bool each_entry_ = false;
   int certified_ = static_cast<int>(Low);
   std::string why_;
   bool K_is_zero_ = false, Kf_is_zero_ = false, F_is_zero_ = false, x_filtered_is_zero_ = false,

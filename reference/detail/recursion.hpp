@@ -91,6 +91,10 @@ class Recursion {
     F = m.A;
     subtract(F, product(K, m.C));
 
+    const double P_size = magnitude(P_predicted);
+    Re_scale = std::max(magnitude(m.R), 2 * magnitude(m.C) + P_size) + 1;
+    P_filtered_scale = P_size + 1;
+    P_next_scale = std::max(magnitude(m.BQB), 2 * magnitude(m.A) + P_size) + 1;
     const double Kf_terms = magnitude(P_predicted) + magnitude(m.C) + inverse_magnitude(p);
     Kf_scale = Kf_terms;
     K_scale = magnitude(m.A) + Kf_terms;
@@ -155,7 +159,7 @@ class Recursion {
   Matrix<T> log_likelihood;  ///< 1 x 1; empty in a run without data
   /// Of what magnitude the terms are whose sum each is (binary exponents): a sum far below is rounding, and stands
   /// for 0.
-  double K_scale = 0, Kf_scale = 0, F_scale = 0, x_filtered_scale = 0, x_next_scale = 0, log_likelihood_scale = 0;
+  double Re_scale = 0, P_filtered_scale = 0, P_next_scale = 0, K_scale = 0, Kf_scale = 0, F_scale = 0, x_filtered_scale = 0, x_next_scale = 0, log_likelihood_scale = 0;
 
  private:
   void load() {
@@ -303,19 +307,19 @@ class Recursion {
 
   /// X := X L^{-T}, L lower.
   static void solve_right_transposed(const Matrix<T>& L, Matrix<T>& X) {
-    T scratch;
+    const Entries xs = entries(X), ls = entries(L);
     for (Index j = 0; j < L.cols(); ++j)
       for (Index r = 0; r < X.rows(); ++r) {
-        for (Index i = 0; i < j; ++i) subtract_product(X(r, j), X(r, i), L(j, i), scratch);
+        fused_dot(*X(r, j).backend().data(), Into::subtract, xs.row(r), ls.row(j), j);
         X(r, j) /= L(j, j);
       }
   }
   /// X := X L^{-1}, L lower.
   static void solve_right(const Matrix<T>& L, Matrix<T>& X) {
-    T scratch;
+    const Entries xs = entries(X), ls = entries(L);
     for (Index j = L.cols() - 1; j >= 0; --j)
       for (Index r = 0; r < X.rows(); ++r) {
-        for (Index i = j + 1; i < L.cols(); ++i) subtract_product(X(r, j), X(r, i), L(i, j), scratch);
+        fused_dot(*X(r, j).backend().data(), Into::subtract, xs.row(r, j + 1), ls.column(j, j + 1), L.cols() - 1 - j);
         X(r, j) /= L(j, j);
       }
   }

@@ -385,6 +385,27 @@ TEST(Trajectory, AnEntryHasTheDigitsOfItsOwn) {
   EXPECT_EQ(P[0][1], P[1][0]);
 }
 
+TEST(Trajectory, EachEntryIsCertifiedOnRequest) {
+  // One of two states is measured. P_{k|k} = diag(1 / (1 + 2^-200), 2^200): by its norm the small entry is rounding.
+  CovarianceModel<double> model;
+  model.A = Matrix<double>::Identity(2, 2);
+  model.B = Matrix<double>(2, 0);
+  model.Q = Matrix<double>(0, 0);
+  model.C = matrix(1, 2, {1, 0});
+  model.R = matrix(1, 1, {1});
+  const AnyProblem<double> problem = Problem<CovarianceModel<double>>{
+      {model}, Matrix<double>(0x1p200 * Matrix<double>::Identity(2, 2)), Vector<double>::Zero(2)};
+  Trajectory by_norm(problem, nullptr, {30}), by_entry(problem, nullptr, {.digits = 30, .each_entry = true});
+  by_norm.advance();
+  by_entry.advance();
+  EXPECT_EQ(by_norm.decimals(Quantity::P_filtered, 30)[0][0].substr(0, 2), "0e");
+  EXPECT_GT(by_entry.working_digits(), by_norm.working_digits());
+  const std::string small = by_entry.decimals(Quantity::P_filtered, 30)[0][0];
+  EXPECT_EQ(small, "1.0000000000000000000000000000" + std::string(1, '0'));  // 1 - 2^-200 to 30 digits
+  EXPECT_EQ(by_entry.decimals(Quantity::P_filtered, 30)[0][1], "0");
+  EXPECT_GE(by_entry.certified_digits(Quantity::P_filtered), 30);
+}
+
 TEST(Trajectory, OfExactNumbers) {
   // Scalar: P = 1/3, R = 1/7: P_{k|k} = PR/(P+R) = 1/10, Kf = 7/10. No double is any of them.
   ExactProblem problem;
