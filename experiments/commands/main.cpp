@@ -66,7 +66,7 @@ int command_line(int argc, char** argv) {
       ->envname("KFSTAB_STEPS")->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 53).description(""));
   run_app->add_option("--seed", run.seed, "seed of simulated data, instead of the system's own")->envname("KFSTAB_SEED");
   run_app->add_option("--digits", run.digits, "digits the reference has to certify")
-      ->envname("KFSTAB_DIGITS")->check(CLI::Range(15, 1500).description(""))->capture_default_str();
+      ->envname("KFSTAB_DIGITS")->check(CLI::Range(15, 750).description(""))->capture_default_str();
   run_app->add_option("--jobs", run.jobs, "systems at once; 0: one a core")
       ->envname("KFSTAB_JOBS")->check(CLI::Range(0, 1024).description(""))->capture_default_str();
   add_set(run_app, "value of one of the system's [parameters]");
