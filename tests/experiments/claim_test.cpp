@@ -124,6 +124,15 @@ TEST(Checks, WithinIsAbsolute) {
   EXPECT_NE(check_within("a", 2, 2, .125).criterion.find("0.125"), std::string::npos);
 }
 
+TEST(Checks, ASlopeThatItsPointsDoNotDetermineWasNotMeasured) {
+  const Line sharp{0, 2.05, 5, .08}, blurred{0, 2.05, 5, .12};
+  EXPECT_TRUE(check_slope("a", 2, sharp, .1).holds);
+  EXPECT_FALSE(check_slope("a", 1, sharp, .1).holds);
+  EXPECT_EQ(verdict_of({check_slope("a", 1, sharp, .1)}), Verdict::refuted);
+  EXPECT_EQ(verdict_of({check_slope("a", 2, blurred, .1)}), Verdict::inconclusive);
+  EXPECT_NE(check_slope("a", 2, sharp, .1).criterion.find("0.08, 5 points"), std::string::npos);
+}
+
 TEST(Checks, AtMostAndAtLeast) {
   EXPECT_TRUE(check_at_most("a", 1, 1, "why").holds);
   EXPECT_FALSE(check_at_most("a", 1, 1.5, "why").holds);
