@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
 
 #include <fmt/core.h>
 #include <oneapi/tbb/parallel_for.h>
@@ -90,6 +91,13 @@ reports::Check check_close(std::string name, double predicted, double measured, 
 reports::Check check_within(std::string name, double predicted, double measured, double distance) {
   const bool holds = std::abs(measured - predicted) <= distance;
   return {std::move(name), predicted, measured, fmt::format("within {:g} of the prediction", distance), holds};
+}
+
+reports::Check check_slope(std::string name, double predicted, const Line& line, double distance) {
+  const double measured = line.half_width <= distance ? line.slope : std::numeric_limits<double>::quiet_NaN();
+  reports::Check check = check_within(std::move(name), predicted, measured, distance);
+  check.criterion += fmt::format("; 95 % interval +- {:.2g}, {} points", line.half_width, line.points);
+  return check;
 }
 
 reports::Check check_at_most(std::string name, double limit, double measured, std::string reason) {

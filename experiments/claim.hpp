@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include <kfstab/experiments/fit.hpp>
 #include <kfstab/reports/document.hpp>
 
 /// A claim of the literature as an experiment. Each is one file in claims/, which defines one function that returns its
@@ -87,6 +88,9 @@ std::vector<ClaimResult> run_claims(const std::vector<Claim>& claims, const std:
 reports::Check check_close(std::string name, double predicted, double measured, double relative);
 /// A check that a measured value lies within an absolute distance of the predicted one.
 reports::Check check_within(std::string name, double predicted, double measured, double distance);
+/// A check that a slope lies within a distance of the predicted one. Where its 95 % confidence interval reaches further
+/// than that distance to either side, the points do not determine it, and it was not measured (NaN).
+reports::Check check_slope(std::string name, double predicted, const Line& line, double distance);
 /// A check that a measured value is at most, or at least, a limit.
 reports::Check check_at_most(std::string name, double limit, double measured, std::string reason);
 reports::Check check_at_least(std::string name, double limit, double measured, std::string reason);

@@ -4,15 +4,18 @@
 #include <cmath>
 #include <limits>
 
+#include <boost/math/distributions/students_t.hpp>
+
 namespace kfstab::experiments {
 namespace {
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-}
+constexpr double infinity = std::numeric_limits<double>::infinity();
+}  // namespace
 
 Line fit_line(const std::vector<double>& x, const std::vector<double>& y) {
   Line line;
   line.points = static_cast<int>(x.size());
-  if (x.size() < 2) return {nan, nan, line.points};
+  if (x.size() < 2) return {nan, nan, line.points, infinity};
   double mean_x = 0, mean_y = 0;
   for (std::size_t i = 0; i < x.size(); ++i) {
     mean_x += x[i];
@@ -27,6 +30,17 @@ Line fit_line(const std::vector<double>& x, const std::vector<double>& y) {
   }
   line.slope = xy / xx;
   line.intercept = mean_y - line.slope * mean_x;
+
+  line.half_width = infinity;
+  if (x.size() > 2) {
+    double left = 0;
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      const double residual = y[i] - line.intercept - line.slope * x[i];
+      left += residual * residual;
+    }
+    const double freedom = static_cast<double>(x.size() - 2);
+    line.half_width = boost::math::quantile(boost::math::students_t(freedom), .975) * std::sqrt(left / freedom / xx);
+  }
   return line;
 }
 
@@ -40,13 +54,24 @@ Line fit_power(const std::vector<double>& x, const std::vector<double>& y, doubl
   return fit_line(log_x, log_y);
 }
 
-double median(std::vector<double> values) {
+double quantile(std::vector<double> values, double fraction) {
   std::erase_if(values, [](double v) { return std::isnan(v); });
   if (values.empty()) return nan;
   std::ranges::sort(values);
-  const std::size_t middle = values.size() / 2;
-  if (values.size() % 2 == 1 || std::isinf(values[middle])) return values[middle];
-  return (values[middle - 1] + values[middle]) / 2;
+  const double place = fraction * static_cast<double>(values.size() - 1);
+  const auto below = static_cast<std::size_t>(place);
+  const double beyond = place - static_cast<double>(below);
+  if (beyond == 0) return values[below];
+  const double low = values[below], high = values[below + 1];
+  for (const double end : {high, low})
+    if (std::isinf(end)) return end;  // where the mean of the two might be NaN
+  return low + beyond * (high - low);
+}
+
+double median(std::vector<double> values) { return quantile(std::move(values), .5); }
+
+void keep_worst(double& worst, double value) {
+  if (!std::isnan(worst) && !(value <= worst)) worst = value;
 }
 
 Growth fit_growth(const std::vector<double>& y, double low, double high) {

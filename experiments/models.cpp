@@ -8,6 +8,7 @@
 
 #include <kfstab/filters/registry.hpp>
 #include <kfstab/properties/frame.hpp>
+#include <kfstab/reference/steady_state.hpp>
 
 namespace kfstab::experiments {
 
@@ -49,6 +50,14 @@ properties::System system_of(std::string name, const Matrix<double>& A, const Ma
   system.x0 = Vector<double>::Zero(A.rows());
   system.steps = steps;
   return system;
+}
+
+properties::System random_system(Random& random, Dimensions d, double radius, std::int64_t steps) {
+  Matrix<double> A = random_normal(random, d.n, d.n);
+  A = round_to(A * (radius / reference::spectral_radius(A)), 18);
+  const Matrix<double> B = round_to(random_normal(random, d.n, d.m), 18);
+  const Matrix<double> C = round_to(random_normal(random, d.p, d.n), 18);
+  return system_of("random", A, B, C, Matrix<double>::Identity(d.p, d.p), Matrix<double>::Identity(d.n, d.n), steps);
 }
 
 AnyProblem<double> problem_of(const properties::System& system, Parametrisation form) {

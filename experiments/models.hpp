@@ -31,6 +31,9 @@ properties::System system_of(std::string name, const Matrix<double>& A, const Ma
                              const Matrix<double>& C, const Matrix<double>& R_root, const Matrix<double>& S0,
                              std::int64_t steps);
 
+/// A system of random A, rho(A) = radius, B and C, entries to 18 bits; R = I, P0 = I.
+properties::System random_system(Random& random, Dimensions dimensions, double radius, std::int64_t steps);
+
 /// The problem of a system in one parametrisation. Throws std::logic_error where there is none: a claim's own system.
 AnyProblem<double> problem_of(const properties::System& system, Parametrisation form);
 

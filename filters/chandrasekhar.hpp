@@ -75,7 +75,23 @@ class ChandrasekharFilter {
     x_ = x0;
     gain_.setZero();
     kind_ = kind;
+    started_ = arrays_given_ = false;
+  }
+
+  /// Takes the arrays of theory (2.5) themselves: Re_0^{1/2} (p x p; the lower triangle is read), G_0 (n x p), L_0 (n x
+  /// alpha, alpha <= n), of whose columns the first `growing` have the sign +, and x0 of the predicted state. So a run is
+  /// taken up where another was left, or disturbed.
+  template <class ReType, class GType, class LType, class X0Type>
+  void start(const ReType& Re_root, const GType& G, const LType& L, Index growing, const X0Type& x0) {
+    copy_lower(Re_root, Re_root_);
+    G_ = G;
+    L_.leftCols(L.cols()) = L;
+    plus_ = growing;
+    minus_ = L.cols() - growing;
+    x_ = x0;
+    gain_.setZero();
     started_ = false;
+    arrays_given_ = true;
   }
 
   /// One combined measurement and time update: x from k|k-1 to k+1|k, the increments from k to k+1.
@@ -143,6 +159,7 @@ class ChandrasekharFilter {
 
   /// Re_0, G_0 and L_0 from S0, by one step of the square-root covariance filter; false if they are not finite.
   bool begin(const Model& model) {
+    if (arrays_given_) return true;
     const Index n = S0_.rows(), m = model.B.cols();
     auto AS = AS_BQ_.leftCols(n);
     auto BQ = AS_BQ_.rightCols(m);
@@ -286,7 +303,7 @@ class ChandrasekharFilter {
 
   S tolerance_;
   InitialCovariance kind_ = InitialCovariance::any;
-  bool started_ = false;
+  bool started_ = false, arrays_given_ = false;
   Index plus_ = 0, minus_ = 0;
   S rotation_condition_ = S(1);
   Model system_;

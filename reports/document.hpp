@@ -15,6 +15,7 @@ namespace kfstab::reports {
 enum class CurveRole {
   measured_points,  ///< markers alone
   measured_line,    ///< a line, with a marker every few points
+  quartile,         ///< a thin line in the colour of its slot, not in the legend: how far what was measured scatters
   theory,           ///< a thin dark dashed line
   envelope,         ///< a grey region from the bottom of the figure up to y: what theory excuses
 };

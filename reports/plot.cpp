@@ -30,6 +30,7 @@ std::string_view name(CurveRole role) {
   switch (role) {
     case CurveRole::measured_points: return "measured_points";
     case CurveRole::measured_line: return "measured_line";
+    case CurveRole::quartile: return "quartile";
     case CurveRole::theory: return "theory";
     case CurveRole::envelope: break;
   }
@@ -120,12 +121,12 @@ std::string data_of(const Figure& figure) {
 
 // ---- What is drawn, whatever the style -----------------------------------------------------------------------------
 
-/// The curves in the order in which they are drawn and stand in the legend: envelopes beneath, then what was measured
+/// The curves in the order in which they are drawn and stand in the legend: envelopes beneath, quartiles, what was measured
 /// from the highest end to the lowest, as the eye meets the curves at the legend's side, then theory above all.
 std::vector<std::size_t> drawing_order(const Figure& figure) {
   const auto rank = [&](std::size_t c) {
     const Curve& curve = figure.curves[c];
-    return curve.role == CurveRole::envelope ? 0 : is_measured(curve) ? 1 : 2;
+    return curve.role == CurveRole::envelope ? 0 : curve.role == CurveRole::quartile ? 1 : is_measured(curve) ? 2 : 3;
   };
   const auto last_value = [&](std::size_t c) {
     const std::vector<double>& y = figure.curves[c].y;
@@ -136,7 +137,7 @@ std::vector<std::size_t> drawing_order(const Figure& figure) {
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
     if (rank(a) != rank(b)) return rank(a) < rank(b);
-    return rank(a) == 1 && last_value(a) > last_value(b);
+    return rank(a) == 2 && last_value(a) > last_value(b);
   });
   return order;
 }
@@ -220,6 +221,7 @@ std::string style_of(const Curve& curve, int slot, int order, const Scale& y) {
   switch (curve.role) {
     case CurveRole::envelope:
       return fmt::format("filledcurves y1={} fc rgb '#e4e4e4' fs solid 1 noborder", exact_number(y.low));
+    case CurveRole::quartile: return fmt::format("lines lc rgb '{}' lw 0.5 dt 1", slot < 0 ? "#666666" : pick(colors, slot));
     case CurveRole::theory:
       return fmt::format("lines lc rgb '{}' lw 1.5 dt {}", slot < 0 ? "#333333" : pick(colors, slot), pick(theory_dashes, order));
     case CurveRole::measured_points:
@@ -239,8 +241,9 @@ std::string plot_commands(const Figure& figure, const Scales& scales) {
   int theories = 0;
   for (std::size_t c : drawing_order(figure)) {
     const Curve& curve = figure.curves[c];
-    fmt::format_to(std::back_inserter(text), "{}{} index {} using (shown_x($1)):(shown_y($2)) with {} title {}", first ? "" : ", \\\n     ",
-                   gnuplot_string(figure.id + ".dat"), c, style_of(curve, slots[c], curve.role == CurveRole::theory ? theories++ : 0, scales.y), gnuplot_string(curve.label));
+    fmt::format_to(std::back_inserter(text), "{}{} index {} using (shown_x($1)):(shown_y($2)) with {} {}", first ? "" : ", \\\n     ",
+                   gnuplot_string(figure.id + ".dat"), c, style_of(curve, slots[c], curve.role == CurveRole::theory ? theories++ : 0, scales.y),
+                   curve.role == CurveRole::quartile ? "notitle" : "title " + gnuplot_string(curve.label));
     first = false;
   }
   return text + (first ? "NaN notitle\n" : "\n");
@@ -268,7 +271,8 @@ std::string script_of(const Figure& figure) {
     fmt::format_to(out, "set arrow from first {0}, graph 0 to first {0}, graph 1 nohead front lc rgb '#888888' lw 1 dt (2,4)\n", exact_number(*floor));
 
   // High enough for the legend to stand in one column.
-  const std::size_t height = std::max<std::size_t>(520, 180 + 24 * figure.curves.size());
+  const std::size_t height = std::max<std::ptrdiff_t>(
+      520, 180 + 24 * std::ranges::count_if(figure.curves, [](const Curve& c) { return c.role != CurveRole::quartile; }));
   fmt::format_to(out, "\nmarker = 0.6\nset terminal svg mouse standalone name '{}' size 800,{} dynamic font 'sans-serif,15' background rgb 'white'\n",
                  svg_name, height);
   fmt::format_to(out, "set output '{}.svg'\n{}", figure.id, plot_commands(figure, scales));
@@ -404,8 +408,10 @@ std::string trimmed(const std::string& drawing) {
 
 }  // namespace
 
-TextPlot text_plot(const Figure& figure, int width, int height) {
-  check(figure);
+TextPlot text_plot(const Figure& whole, int width, int height) {
+  check(whole);
+  Figure figure = whole;  // of letters, quartiles would be no more than a confusion
+  std::erase_if(figure.curves, [](const Curve& curve) { return curve.role == CurveRole::quartile; });
   width = std::clamp(width, 40, 400);
   const std::vector<TextStyle> styles = text_styles(figure, width);
   const std::string legend = text_legend(figure, styles, width);

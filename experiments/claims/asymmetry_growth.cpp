@@ -6,6 +6,7 @@
 
 #include <fmt/core.h>
 
+#include <kfstab/experiments/asymmetry.hpp>
 #include <kfstab/experiments/claim.hpp>
 #include <kfstab/experiments/fit.hpp>
 #include <kfstab/experiments/interruption.hpp>
@@ -20,46 +21,6 @@ namespace {
 
 using Covariances = Problem<CovarianceModel<double>>;
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-
-std::string coding_of(const Metadata& metadata) {
-  switch (metadata.asymmetry) {
-    case Asymmetry::textbook: return "(i)";
-    case Asymmetry::mixed: return "(ii)";
-    case Asymmetry::gain: return "(iii)";
-    case Asymmetry::cp: return "(iv)";
-    case Asymmetry::downdate: return "(v)";
-    case Asymmetry::none: break;
-  }
-  return "symmetric";
-}
-
-std::vector<const Metadata*> codings() {
-  std::vector<const Metadata*> selected;
-  for (const Metadata& metadata : filters())
-    if (metadata.asymmetry != Asymmetry::none) selected.push_back(&metadata);
-  return selected;
-}
-
-/// P - P' after each step: of a filter started from an unsymmetric P0. Ends early where it exceeds `limit`.
-std::vector<Matrix<double>> asymmetries(const Metadata& metadata, const AnyProblem<double>& problem, int steps,
-                                        double limit) {
-  const auto filter = make_filter<double>(metadata.id);
-  filter->start(problem);
-  std::vector<Matrix<double>> curve;
-  for (int k = 0; k < steps; ++k) {
-    const auto step = filter->step(k, nullptr, nullptr);
-    if (!step.report) break;
-    curve.push_back(*step.held - step.held->transpose());
-    if (!(curve.back().norm() <= limit)) break;
-  }
-  return curve;
-}
-
-std::vector<double> norms(const std::vector<Matrix<double>>& curve) {
-  std::vector<double> result;
-  for (const auto& D : curve) result.push_back(D.norm() / 2);
-  return result;
-}
 
 /// The two-state system with one output, P0 = diag(4, 1) with an antisymmetric seed.
 struct Pair {
@@ -80,10 +41,6 @@ struct Pair {
     return reference::asymmetry_growth(coding, false, A, limit.predictor_gain * C, limit.closed_loop);
   }
 };
-
-bool follows_A(Asymmetry coding) {
-  return coding == Asymmetry::gain || coding == Asymmetry::cp || coding == Asymmetry::downdate;
-}
 
 void one_output(const Settings& set, Findings& findings) {
   reports::Figure figure;
@@ -214,11 +171,9 @@ void two_outputs(const Settings& set, Findings& findings) {
   for (int s = 0; s < systems && !interrupted(); ++s) {
     Random random(static_cast<std::uint64_t>(set("seed")) + static_cast<std::uint64_t>(s));
     const Index n = 5, p = 2;
-    Matrix<double> A = random_normal(random, n, n);
-    A = round_to(A * (1.15 / reference::spectral_radius(A)), 18);
-    const Matrix<double> B = round_to(random_normal(random, n, 2), 18), C = round_to(random_normal(random, p, n), 18);
-    auto problem = problem_of(system_of("random", A, B, C, Matrix<double>::Identity(p, p), Matrix<double>::Identity(n, n), 1),
-                              Parametrisation::covariance);
+    const auto system = random_system(random, {n, 2, p}, 1.15, 1);
+    const Matrix<double>&A = system.A.matrices.front(), &C = system.C.matrices.front();
+    auto problem = problem_of(system, Parametrisation::covariance);
     const auto steady = reference::steady_state(problem);
     const double size = steady.P.norm();
     Matrix<double> D0 = random_normal(random, n, n);

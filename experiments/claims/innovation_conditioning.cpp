@@ -141,8 +141,8 @@ Findings measure(const Settings& set) {
     for (const auto& [what, of] : {std::pair{"K", &Rung::gain}, {"P", &Rung::covariance}}) {
       if (id == "joseph" && std::string(what) == "P") continue;
       const auto line = fit_power(conditions, curve_of(ladder, id, of).y, low, high);
-      findings.checks.push_back(check_within(fmt::format("{}: slope of the error of {} in k(Re^1/2)", id, what),
-                                             root ? 1 : 2, line.slope, root ? .1 : .15));
+      findings.checks.push_back(check_slope(fmt::format("{}: slope of the error of {} in k(Re^1/2)", id, what),
+                                            root ? 1 : 2, line, root ? .1 : .15));
     }
     const auto grown = curve_of(control, id, &Rung::gain).y;
     const auto grown_P = curve_of(control, id, &Rung::covariance).y;

@@ -124,6 +124,15 @@ TEST(Checks, WithinIsAbsolute) {
   EXPECT_NE(check_within("a", 2, 2, .125).criterion.find("0.125"), std::string::npos);
 }
 
+TEST(Checks, ASlopeThatItsPointsDoNotDetermineWasNotMeasured) {
+  const Line sharp{0, 2.05, 5, .08}, blurred{0, 2.05, 5, .12};
+  EXPECT_TRUE(check_slope("a", 2, sharp, .1).holds);
+  EXPECT_FALSE(check_slope("a", 1, sharp, .1).holds);
+  EXPECT_EQ(verdict_of({check_slope("a", 1, sharp, .1)}), Verdict::refuted);
+  EXPECT_EQ(verdict_of({check_slope("a", 2, blurred, .1)}), Verdict::inconclusive);
+  EXPECT_NE(check_slope("a", 2, sharp, .1).criterion.find("0.08, 5 points"), std::string::npos);
+}
+
 TEST(Checks, AtMostAndAtLeast) {
   EXPECT_TRUE(check_at_most("a", 1, 1, "why").holds);
   EXPECT_FALSE(check_at_most("a", 1, 1.5, "why").holds);
@@ -227,7 +236,87 @@ TEST(Claims, DyerMcReynoldsIsConfirmed) {
   expect_well_made(result);
 }
 
+/// A claim with less work than by default.
+struct Reduced {
+  const char* id;
+  std::map<std::string, double> settings;
+};
+
+class ReducedClaim : public testing::TestWithParam<Reduced> {};
+
+TEST_P(ReducedClaim, IsConfirmedWhateverTheSeed) {
+  const auto& [id, settings] = GetParam();
+  const bool random = settings.contains("seed");
+  for (const double seed : random ? std::vector<double>{1, 4711} : std::vector<double>{0}) {
+    auto set = settings;
+    if (random) set["seed"] = seed;
+    const auto result = run_claim(claim_called(id), set);
+    EXPECT_EQ(result.verdict(), Verdict::confirmed) << "seed " << seed << "\n" << failing(result);
+    expect_well_made(result);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(, ReducedClaim,
+                         testing::Values(Reduced{"forgetting", {{"seed", 1}, {"systems", 2}}},
+                                         Reduced{"first-order", {{"seed", 1}, {"systems", 1}}},
+                                         Reduced{"steady-state-level", {}},
+                                         Reduced{"non-normal-transient", {}},
+                                         Reduced{"chandrasekhar-memory", {{"seed", 1}, {"systems", 5}}},
+                                         Reduced{"joseph-second-order", {{"seed", 1}, {"systems", 3}}},
+                                         Reduced{"post-array-angle", {{"seed", 1}, {"frames", 30}}},
+                                         Reduced{"state-estimate", {{"seed", 1}, {"frames", 11}}},
+                                         Reduced{"information-conditioning", {{"seed", 1}, {"frames", 11}}},
+                                         Reduced{"exact-forgetting", {{"seed", 1}, {"systems", 2}}},
+                                         Reduced{"one-triangle", {{"seed", 1}, {"systems", 3}}},
+                                         Reduced{"rls-forgetting", {{"seed", 1}}}),
+                         [](const auto& reduced) {
+                           std::string name = reduced.param.id;
+                           std::ranges::replace(name, '-', '_');
+                           return name;
+                         });
+
 // Predictions follow the parameters.
+
+TEST(Claims, FirstOrderNeedsDigitsBelowTheSmallestError) {
+  const auto result = run_claim(claim_called("first-order"), {{"smallest", 60}, {"systems", 1}});
+  EXPECT_NE(result.verdict(), Verdict::confirmed) << "50 digits show nothing of an error of 1e-60";
+}
+
+TEST(Claims, NonNormalTransientFollowsTheShear) {
+  const auto result = run_claim(claim_called("non-normal-transient"), {{"shear", 5}});
+  EXPECT_EQ(result.verdict(), Verdict::confirmed) << failing(result);
+  // F is nearly A, whose power k has the entry shear (.9^k - .85^k) / .05 off its diagonal.
+  double largest = 0;
+  for (int k = 1; k < 30; ++k) largest = std::max(largest, std::pow(5 * (std::pow(.9, k) - std::pow(.85, k)) / .05, 2));
+  const auto& theory = curve_called(result.findings.figures.front(), "theory-powers");
+  EXPECT_NEAR(*std::ranges::max_element(theory.y) / largest, 1, .05);
+}
+
+TEST(Claims, RlsForgettingFollowsItsFactor) {
+  const auto result = run_claim(claim_called("rls-forgetting"), {{"factor", .8}, {"n", 3}});
+  EXPECT_EQ(result.verdict(), Verdict::confirmed) << failing(result);
+  EXPECT_EQ(check_called(result, "(iii) at f = 0.8").predicted, 1 / .8);
+  expect_well_made(result);
+}
+
+TEST(Claims, OneTriangleFollowsR) {
+  // Theory section 3: .683 at r = .9, where nothing grows.
+  const auto stable = run_claim(claim_called("one-triangle"), {{"r", .9}, {"systems", 1}});
+  EXPECT_EQ(stable.verdict(), Verdict::confirmed) << failing(stable);
+  EXPECT_EQ(check_called(stable, "(i) at r = 0.9, one triangle").predicted, 1) << "an upper limit";
+  const auto unstable = run_claim(claim_called("one-triangle"), {{"r", 1.2}, {"systems", 1}});
+  EXPECT_EQ(unstable.verdict(), Verdict::confirmed) << failing(unstable);
+  EXPECT_GT(check_called(unstable, "(i) at r = 1.2, one triangle").predicted, 1.03);
+}
+
+TEST(Claims, SlopesAreThoseOfWhatIsHeld) {
+  const auto angle = run_claim(claim_called("post-array-angle"), {{"frames", 10}});
+  const auto state = run_claim(claim_called("state-estimate"), {{"frames", 5}});
+  EXPECT_EQ(check_called(angle, "ckf: slope").predicted, 2);
+  EXPECT_EQ(check_called(angle, "srcf: slope").predicted, 1);
+  EXPECT_EQ(check_called(state, "joseph: slope").predicted, 2);
+  EXPECT_EQ(check_called(state, "srif: slope").predicted, 1);
+}
 
 TEST(Claims, AsymmetryGrowthFollowsRAndTheNumberOfSystems) {
   const auto result = run_claim(claim_called("asymmetry-growth"), {{"r", 1.3}, {"systems", 2}});

@@ -3,6 +3,8 @@
 #include <cmath>
 #include <limits>
 
+#include <boost/random/mersenne_twister.hpp>
+#include <boost/random/normal_distribution.hpp>
 #include <gtest/gtest.h>
 
 using namespace kfstab::experiments;
@@ -33,6 +35,50 @@ TEST(FitLine, LeastSquaresByHand) {
   const Line line = fit_line({0, 1, 2}, {1, 0, 3});
   EXPECT_DOUBLE_EQ(line.slope, 1);
   EXPECT_NEAR(line.intercept, 1. / 3, 4e-16);
+}
+
+TEST(FitLine, ConfidenceIntervalByHand) {
+  // Squares of the residuals 8/3 on one degree of freedom, of x - mean 2; t = tan(.95 pi/2).
+  const Line line = fit_line({0, 1, 2}, {1, 0, 3});
+  EXPECT_NEAR(line.half_width, std::tan(.95 * std::acos(-1.) / 2) * std::sqrt(8. / 3 / 2), 1e-9);
+  EXPECT_EQ(fit_line({0, 1, 2}, {1, 2, 3}).half_width, 0) << "exactly a line";
+  EXPECT_EQ(fit_line({0, 1}, {1, 2}).half_width, inf) << "any two points are";
+}
+
+TEST(FitLine, ConfidenceIntervalHoldsTheSlopeNineteenTimesOutOfTwenty) {
+  boost::random::mt19937_64 random(1);
+  boost::random::normal_distribution<double> noise;
+  int inside = 0;
+  const int trials = 2000;
+  for (int t = 0; t < trials; ++t) {
+    std::vector<double> x, y;
+    for (int i = 0; i < 8; ++i) {
+      x.push_back(i);
+      y.push_back(2 * i + noise(random));
+    }
+    const Line line = fit_line(x, y);
+    inside += std::abs(line.slope - 2) <= line.half_width;
+  }
+  // Binomial: within five standard deviations.
+  EXPECT_NEAR(inside, .95 * trials, 5 * std::sqrt(.95 * .05 * trials));
+}
+
+TEST(Quantile, IsLinearBetweenNeighbours) {
+  EXPECT_EQ(quantile({4, 1, 3, 2}, 0), 1);
+  EXPECT_EQ(quantile({4, 1, 3, 2}, 1), 4);
+  EXPECT_EQ(quantile({1, 2, 3, 4, 5}, .25), 2);
+  EXPECT_EQ(quantile({10, 20}, .75), 17.5);
+  EXPECT_EQ(quantile({1, 2, inf, inf}, .25), 1.75);
+  EXPECT_EQ(quantile({7}, .3), 7);
+  EXPECT_TRUE(std::isnan(quantile({NaN}, .5)));
+}
+
+TEST(KeepWorst, NanStays) {
+  double worst = 0;
+  for (const double value : {1., 3., 2.}) keep_worst(worst, value);
+  EXPECT_EQ(worst, 3);
+  for (const double value : {NaN, 5.}) keep_worst(worst, value);
+  EXPECT_TRUE(std::isnan(worst));
 }
 
 TEST(FitLine, OfFewerThanTwoPointsHasNoSlope) {

@@ -7,6 +7,8 @@
 
 #include <gtest/gtest.h>
 
+#include <kfstab/reference/steady_state.hpp>
+
 #include <kfstab/experiments/selection.hpp>
 
 using namespace kfstab;
@@ -116,6 +118,16 @@ TEST(SystemOf, GivesEveryParametrisationTheSameExactProblem) {
   EXPECT_TRUE(equal(S.initial, S0));
   EXPECT_EQ(S.models[0].R_root(0, 0), .5);
   EXPECT_EQ(parametrisation(problem_of(system, Parametrisation::information)), Parametrisation::information);
+}
+
+TEST(RandomSystem, HasItsSizesAndItsRadius) {
+  Random random(1);
+  const auto system = random_system(random, {5, 2, 3}, 1.15, 7);
+  EXPECT_EQ(system.dimensions(), (kfstab::Dimensions{5, 2, 3}));
+  EXPECT_EQ(system.steps, 7);
+  // 18 bits after the point move the entries of A by 2^-19, its eigenvalues by no more than some n times that here.
+  EXPECT_NEAR(kfstab::reference::spectral_radius(system.A.matrices.front()), 1.15, 1e-4);
+  EXPECT_EQ(round_to(system.C.matrices.front(), 18), system.C.matrices.front());
 }
 
 TEST(ProblemOf, AClaimsOwnSystemThatDoesNotFitIsAFault) {

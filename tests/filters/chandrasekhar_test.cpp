@@ -219,6 +219,34 @@ TEST(Chandrasekhar, AWrongStationaryStartBreaksDown) {
   EXPECT_EQ(filter.state(), Vector<double>(Vector<double>::Zero(1)));
 }
 
+// Taken up from its arrays, a run goes on bit by bit; the filter may have been used for another before.
+TEST(Chandrasekhar, TakesUpARunFromItsArrays) {
+  const auto problem = drawn({4, 2, 2}, 11, 3), other = drawn({4, 2, 2}, 12, 3);
+  const auto x0 = Vector<double>::Zero(4);
+  Filter whole({4, 2, 2}), second({4, 2, 2});
+  whole.start(problem.initial, x0);
+  second.start(other.initial, x0);
+  ASSERT_TRUE(second.step(other.models[0]));
+  for (int k = 0; k < 3; ++k) ASSERT_TRUE(whole.step(problem.models[0]));
+
+  const Matrix<double> L = whole.increment();
+  second.start(whole.innovation_root(), whole.normalised_gain(), L, whole.growing(), x0);
+  EXPECT_EQ(second.growing(), whole.growing());
+  EXPECT_EQ(second.decreasing(), whole.decreasing());
+  for (int k = 3; k < 8; ++k) {
+    ASSERT_TRUE(whole.step(problem.models[0]));
+    ASSERT_TRUE(second.step(problem.models[0]));
+    EXPECT_EQ(second.predictor_gain(), whole.predictor_gain()) << k;
+    EXPECT_EQ(second.increment(), whole.increment()) << k;
+  }
+  // And from S0 again.
+  second.start(other.initial, x0);
+  whole.start(other.initial, x0);
+  ASSERT_TRUE(second.step(other.models[0]));
+  ASSERT_TRUE(whole.step(other.models[0]));
+  EXPECT_EQ(second.normalised_gain(), whole.normalised_gain());
+}
+
 TEST(Chandrasekhar, RefusesAModelThatChangesAndGoesOnWithTheOldOne) {
   const auto problem = drawn({4, 2, 2}, 5, 1);
   const Model& model = problem.models[0];

@@ -105,6 +105,20 @@ TEST_F(Plot, DrawsBothPicturesAndTheScriptAloneDrawsThemAgain) {
   EXPECT_GT(fs::file_size(folder / "elsewhere" / "error-of-p.png"), 1000u);
 }
 
+TEST_F(Plot, QuartilesAreDrawnButNotInTheLegendNorInText) {
+  const Environment no_pictures("PATH", "");
+  Figure figure = sample();
+  figure.curves.push_back({.id = "lower", .label = "not shown", .x = {1, 2}, .y = {1e-15, 1e-14}, .role = CurveRole::quartile, .color = 3});
+  const Folder out(folder / "out");
+  write_figure(figure, out);
+  const std::string script = read(folder / "out" / "error-of-p.gp");
+  EXPECT_NE(script.find("index " + std::to_string(figure.curves.size() - 1) +
+                        " using (shown_x($1)):(shown_y($2)) with lines lc rgb '#CC79A7' lw 0.5 dt 1 notitle"),
+            script.npos) << script;
+  EXPECT_EQ(script.find("not shown"), script.npos);
+  EXPECT_NE(read(folder / "out" / "error-of-p.csv").find("\nlower,quartile,1,"), std::string::npos);
+}
+
 TEST_F(Plot, ASecondRunReplacesAllFiles) {
   const Environment no_pictures("PATH", "");
   { write_figure(sample(), Folder(folder / "out")); }
@@ -232,7 +246,8 @@ TEST_F(Plot, DrawsOddFiguresToo) {
   for (std::size_t k = 0; k < values.size(); ++k)
     for (bool log : {false, true}) {
       Figure figure{.id = "odd-" + std::to_string(k) + (log ? "-log" : ""), .title = "odd", .caption = "", .x = {"x", log}, .y = {"y", log}, .curves = {}};
-      for (CurveRole role : {CurveRole::measured_points, CurveRole::measured_line, CurveRole::theory, CurveRole::envelope})
+      for (CurveRole role : {CurveRole::measured_points, CurveRole::measured_line, CurveRole::quartile, CurveRole::theory,
+                             CurveRole::envelope})
         figure.curves.push_back({.id = std::to_string(figure.curves.size()), .label = "l", .x = std::vector<double>(values[k].size(), 1.0), .y = values[k], .role = role});
       EXPECT_EQ(write_figure(figure, out).warning, "");
       EXPECT_EQ(text_plot(figure).warning, "");
