@@ -1,16 +1,24 @@
 #pragma once
 
+#include <functional>
 #include <string>
+#include <string_view>
+#include <vector>
 
 #include <kfstab/reports/document.hpp>
 
-/// The curves of the claims' figures, to be filled point by point.
+/// The curves that claims draw: all at once, or to be filled point by point.
 namespace kfstab::experiments {
 
-/// Measured, as points in the colour of a filter.
+/// What was measured of a filter of the registry, in the filter's name and colour.
+reports::Curve measured(std::string_view filter, std::vector<double> x, std::vector<double> y,
+                        reports::CurveRole role = reports::CurveRole::measured_points);
+/// Measured, as points in the colour of a filter, under a name of their own.
 reports::Curve measured_points(std::string id, std::string label, const std::string& filter);
 
-/// What the theory says, as a dashed line.
+/// A line of the theory: f at each x where it is in (0, most].
+reports::Curve theory_line(std::string id, std::string label, const std::vector<double>& x,
+                           const std::function<double(double)>& f, double most = 1);
 reports::Curve theory_line(std::string id, std::string label);
 
 void add_point(reports::Curve& curve, double x, double y);

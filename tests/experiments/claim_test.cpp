@@ -9,6 +9,8 @@
 
 #include <kfstab/properties/input_error.hpp>
 
+#include "experiments/claims.hpp"
+
 using namespace kfstab::experiments;
 using kfstab::reports::Check;
 using kfstab::reports::Verdict;
@@ -35,57 +37,6 @@ Claim made_up() {
     return Findings{{check_within("r", set("r"), set("r"), 0), check_within("n", set("n"), set("n"), 0)}, {}};
   };
   return claim;
-}
-
-Claim claim_called(const std::string& id) {
-  for (const Claim& claim : all_claims())
-    if (claim.id == id) return claim;
-  throw std::invalid_argument("no " + id);
-}
-
-const Check& check_called(const ClaimResult& result, const std::string& start) {
-  for (const Check& check : result.findings.checks)
-    if (check.name.starts_with(start)) return check;
-  throw std::invalid_argument("no check " + start);
-}
-
-const kfstab::reports::Curve& curve_called(const kfstab::reports::Figure& figure, const std::string& id) {
-  for (const auto& curve : figure.curves)
-    if (curve.id == id) return curve;
-  throw std::invalid_argument("no curve " + id);
-}
-
-std::string failing(const ClaimResult& result) {
-  std::string text;
-  for (const Check& check : result.findings.checks)
-    if (!check.holds)
-      text += check.name + ": predicted " + std::to_string(check.predicted) + ", measured " +
-              std::to_string(check.measured) + ", " + check.criterion + "\n";
-  return text;
-}
-
-void expect_well_made(const ClaimResult& result) {
-  std::set<std::string> names, figures;
-  for (const Check& check : result.findings.checks) {
-    EXPECT_TRUE(std::isfinite(check.predicted)) << check.name;
-    EXPECT_FALSE(check.criterion.empty()) << check.name;
-    EXPECT_TRUE(names.insert(check.name).second) << check.name << " stands twice";
-  }
-  EXPECT_FALSE(result.findings.figures.empty());
-  for (const auto& figure : result.findings.figures) {
-    EXPECT_TRUE(figures.insert(figure.id).second) << figure.id << " stands twice";
-    EXPECT_FALSE(figure.title.empty() || figure.caption.empty() || figure.x.label.empty() || figure.y.label.empty())
-        << figure.id;
-    std::set<std::string> curves;
-    bool theory = false;
-    for (const auto& curve : figure.curves) {
-      EXPECT_TRUE(curves.insert(curve.id).second) << figure.id << ": " << curve.id << " stands twice";
-      EXPECT_FALSE(curve.x.empty()) << figure.id << ": " << curve.id;
-      EXPECT_EQ(curve.x.size(), curve.y.size()) << figure.id << ": " << curve.id;
-      theory = theory || curve.role == kfstab::reports::CurveRole::theory;
-    }
-    EXPECT_TRUE(theory || figure.id == "innovation-conditioning-units") << figure.id << " has no line of the theory";
-  }
 }
 
 }  // namespace
