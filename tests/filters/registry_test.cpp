@@ -109,7 +109,9 @@ TEST(Registry, AFilterMayBeStartedAgain) {
       const auto again = used->step(k, &y, &u), first = fresh->step(k, &y, &u);
       ASSERT_TRUE(again.report && first.report);
       ASSERT_EQ(again.held != nullptr, metadata.holds != Held::gain) << metadata.id;
-      if (again.held) EXPECT_EQ(*again.held, *first.held) << metadata.id;
+      if (again.held) {
+        EXPECT_EQ(*again.held, *first.held) << metadata.id;
+      }
       EXPECT_EQ(*again.gain, *first.gain) << metadata.id;
       EXPECT_EQ(*again.state, *first.state) << metadata.id;
     }
