@@ -68,14 +68,15 @@ data cell(const Table& table, const std::vector<std::string>& row, std::size_t c
   return object({{"text", column < row.size() ? row[column] : ""}, {"alignment", std::string(css_class(table, column))}});
 }
 
-data curve_in_numbers(const Curve& curve) {
+/// A row of the table below a figure: of a curve, or of a heat map, which has no first value and no last.
+data in_numbers(const std::string& label, const std::vector<double>& all, bool ordered) {
   std::vector<double> values;
-  std::copy_if(curve.y.begin(), curve.y.end(), std::back_inserter(values), [](double y) { return std::isfinite(y); });
+  std::copy_if(all.begin(), all.end(), std::back_inserter(values), [](double value) { return std::isfinite(value); });
   const auto number = [&](auto which) { return values.empty() ? std::string("–") : short_number(which(), 3); };
-  return object({{"label", curve.label},
+  return object({{"label", label},
                  {"points", fmt::format("{}", values.size())},
-                 {"first", number([&] { return values.front(); })},
-                 {"last", number([&] { return values.back(); })},
+                 {"first", ordered ? number([&] { return values.front(); }) : "–"},
+                 {"last", ordered ? number([&] { return values.back(); }) : "–"},
                  {"smallest", number([&] { return *std::min_element(values.begin(), values.end()); })},
                  {"largest", number([&] { return *std::max_element(values.begin(), values.end()); })}});
 }
@@ -120,10 +121,11 @@ class BlockData {
   data operator()(const Figure& figure) {
     std::string svg = svg_ ? svg_(figure) : "";
     const bool has_svg = svg.find("<svg") != svg.npos;
-    const bool first = has_svg && !std::exchange(has_figure_, true);
+    const bool first = has_svg && !figure.curves.empty() && !std::exchange(has_figure_, true);
     if (has_svg) svg = inlined_(std::move(svg));
     data curves = list();
-    for (const Curve& curve : figure.curves) curves << curve_in_numbers(curve);
+    for (const Curve& curve : figure.curves) curves << in_numbers(curve.label, curve.y, true);
+    for (const HeatMap& panel : figure.maps.panels) curves << in_numbers(panel.label, panel.values, false);
     return object({{"figure", object({{"id", figure.id},
                                       {"title", figure.title},
                                       {"caption", if_any(figure.caption)},
@@ -132,6 +134,7 @@ class BlockData {
                                       {"has_svg", has_svg},
                                       {"first", first},
                                       {"svg", svg},
+                                      {"what", figure.maps.panels.empty() ? "curves" : "maps"},
                                       {"curves", curves}})}});
   }
 
