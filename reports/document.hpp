@@ -111,13 +111,22 @@ struct Checks {
 };
 struct Paragraph {
   std::string text{};
+  std::string label{};  ///< what the paragraph is about, in bold before it: "Setup"
+};
+/// Equations in plain notation (mathml.hpp), each with what it belongs to.
+struct Equation {
+  std::string text{};
+  std::string label{};
+};
+struct Equations {
+  std::vector<Equation> equations{};
 };
 /// Text whose line breaks and blanks matter: a command, a matrix, a program's answer.
 struct Preformatted {
   std::string text{};
 };
 
-using Block = std::variant<Paragraph, Table, Figure, Checks, Preformatted>;
+using Block = std::variant<Paragraph, Equations, Table, Figure, Checks, Preformatted>;
 
 struct Section {
   std::string anchor{};  ///< unique in its document, kebab-case: the section's address

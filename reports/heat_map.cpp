@@ -110,7 +110,7 @@ int heat_map_height(const Figure& figure) {
   return 110 + static_cast<int>((panels + columns - 1) / columns) * (columns == 2 ? 290 : 240);
 }
 
-std::string heat_map_commands(const Figure& figure, PowerNotation notation) {
+std::string heat_map_commands(const Figure& figure, PowerNotation notation, const HeatMapStyle& style) {
   const HeatMaps& maps = figure.maps;
   const std::size_t columns = columns_of_panels(maps.panels.size());
   const std::size_t rows = (maps.panels.size() + columns - 1) / columns;
@@ -135,10 +135,11 @@ std::string heat_map_commands(const Figure& figure, PowerNotation notation) {
                    exact_number(y.front()), step(maps.x.size()), step(maps.y.size()));
   }
 
-  const double height = heat_map_height(figure);
-  const double top = 1 - (maps.outline.empty() ? 44 : 66) / height - (several ? 26 / height : 0), bottom = 62 / height;
-  const double left = 0.11, right = several ? 0.86 : 0.85;
-  const double gap = several ? 0.06 : 0, rise = 62 / height;
+  // Lengths in pixels of a picture 800 wide.
+  const double height = heat_map_height(figure) / style.type, width = 800 / style.type;
+  const double top = 1 - ((maps.outline.empty() ? 44 : 66) + (several ? 26 : 0)) / height, bottom = 62 / height;
+  const double left = 88 / width, right = 1 - 114 / width;
+  const double gap = several ? 50 / width : 0, rise = 62 / height;
   const double wide = (right - left - gap * static_cast<double>(columns - 1)) / static_cast<double>(columns);
   const double high = (top - bottom - rise * static_cast<double>(rows - 1)) / static_cast<double>(rows);
   fmt::format_to(out, "set colorbox user origin screen {:.4f}, screen {:.4f} size screen 0.02, screen {:.4f}\n",
@@ -146,14 +147,14 @@ std::string heat_map_commands(const Figure& figure, PowerNotation notation) {
   fmt::format_to(out,
                  "set key at screen {:.4f}, screen {:.4f} right top horizontal noenhanced textcolor rgb '#222222'\n",
                  right, 1 - 40 / height);
-  fmt::format_to(out, "set label {} at screen {:.4f}, screen {:.4f} left noenhanced\n", gnuplot_string(figure.title),
-                 left, 1 - 22 / height);
+  fmt::format_to(out, "set label {} at screen {:.4f}, screen {:.4f} left noenhanced\n",
+                 label_string(figure.title, notation), left, 1 - 22 / height);
   // One label an axis for all panels.
   fmt::format_to(out,
                  "set label {} at screen {:.4f}, screen {:.4f} center noenhanced\n"
                  "set label {} at screen 0.025, screen {:.4f} center rotate noenhanced\nunset xlabel\nunset ylabel\n",
-                 gnuplot_string(figure.x.label), (left + right) / 2, 12 / height, gnuplot_string(figure.y.label),
-                 (top + bottom) / 2);
+                 label_string(figure.x.label, notation), (left + right) / 2, 12 / height,
+                 label_string(figure.y.label, notation), (top + bottom) / 2);
   text += "set multiplot\n";
   const std::string data = gnuplot_string(figure.id + ".dat");
   for (std::size_t i = 0; i < maps.panels.size(); ++i) {
@@ -164,7 +165,8 @@ std::string heat_map_commands(const Figure& figure, PowerNotation notation) {
                    "set lmargin at screen {:.4f}; set rmargin at screen {:.4f}; set tmargin at screen {:.4f}; set "
                    "bmargin at screen {:.4f}\n",
                    at_x, at_x + wide, at_y, at_y - high);
-    if (several) fmt::format_to(out, "set title {} noenhanced offset 0,-0.6\n", gnuplot_string(maps.panels[i].label));
+    if (several)
+      fmt::format_to(out, "set title {} noenhanced offset 0,-0.6\n", label_string(maps.panels[i].label, notation));
     if (i == 1) text += "unset label\nunset colorbox\n";  // once is enough
     fmt::format_to(
         out, "plot {} index {} using 1:2:3:4:5:6:(shown_cb($7)) with boxxyerror lc palette fs solid 1 border notitle",
@@ -175,8 +177,9 @@ std::string heat_map_commands(const Figure& figure, PowerNotation notation) {
     if (!maps.outline.empty())
       fmt::format_to(out,
                      ", \\\n     {0} index {1} with lines lc rgb '#ffffff' lw 5 notitle, \\\n     {0} index {1} with "
-                     "lines lc rgb '#d55e00' lw 2.5 title {2}",
-                     data, 2 * i + 1, gnuplot_string(i == 0 ? maps.outline : ""));
+                     "lines lc rgb '{3}' lw 2.5 title {2}",
+                     data, 2 * i + 1, label_string(i == 0 ? maps.outline : "", notation),
+                     style.grey ? "#000000" : "#d55e00");
     text += '\n';
   }
   return text + "unset multiplot\n";

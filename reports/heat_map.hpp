@@ -19,8 +19,13 @@ std::string heat_map_data(const Figure& figure);
 /// The height in pixels of a picture 800 pixels wide that has room for the panels.
 int heat_map_height(const Figure& figure);
 
+struct HeatMapStyle {
+  double type = 1;  ///< the size of type relative to the screen's: what stands beside the maps takes so much more room
+  bool grey = false;  ///< no colour but viridis: the line around outlined cells is black
+};
+
 /// The commands that draw the panels into a picture of that shape.
-std::string heat_map_commands(const Figure& figure, PowerNotation notation);
+std::string heat_map_commands(const Figure& figure, PowerNotation notation, const HeatMapStyle& style);
 
 /// The panels as tables of numbers for a terminal of that many columns; a star marks the outlined cells. Columns that
 /// do not fit are left out evenly, and the text says so.

@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <map>
 #include <numeric>
 #include <set>
 #include <stdexcept>
@@ -96,6 +97,10 @@ std::string read_file(const fs::path& path) {
   return {std::istreambuf_iterator<char>(file), {}};
 }
 
+/// What the last line of a whole picture says.
+const std::map<std::string, std::string_view> last_words{
+    {".svg", "</svg>"}, {".png", "IEND"}, {".pdf", "%%EOF"}, {".tex", "\\endgroup"}};
+
 /// gnuplot does not tell of a full disk: a picture is there if its end is.
 bool is_complete(const fs::path& picture, std::string_view end) {
   const std::string content = read_file(picture);
@@ -105,25 +110,39 @@ bool is_complete(const fs::path& picture, std::string_view end) {
 
 }  // namespace
 
-PlotResult write_figure(const Figure& figure, const Folder& folder) {
+std::vector<std::string> files_of(const Figure& figure, const Drawing& drawing) {
+  std::vector<std::string> names = pictures_of(figure, drawing);
+  for (const char* ending : {".csv", ".gp", ".dat"}) names.push_back(figure.id + ending);
+  return names;
+}
+
+void write_sources(const Figure& figure, const Folder& folder, const Drawing& drawing) {
   check(figure);
+  folder.announce(files_of(figure, drawing));
   folder.write(figure.id + ".csv", csv_of(figure));
   folder.write(figure.id + ".dat", data_of(figure));
-  folder.write(figure.id + ".gp", script_of(figure));
-  const fs::path svg = folder.claim(figure.id + ".svg");
-  const fs::path png = folder.claim(figure.id + ".png");
+  folder.write(figure.id + ".gp", script_of(figure, drawing));
+}
 
+PlotResult draw_figure(const Figure& figure, const Folder& folder, const Drawing& drawing) {
   std::string reason = run_gnuplot(folder.path(), figure.id + ".gp");
-  if (reason.empty() && !(is_complete(svg, "</svg>") && is_complete(png, "IEND")))
-    reason = "gnuplot failed: it left no complete picture";
+  const std::vector<std::string> pictures = pictures_of(figure, drawing);
+  const bool complete = std::ranges::all_of(pictures, [&](const std::string& name) {
+    return is_complete(folder.path() / name, last_words.at(name.substr(name.rfind('.'))));
+  });
+  if (reason.empty() && !complete) reason = "gnuplot failed: it left no complete picture";
   if (reason.empty()) return {.drawn = true, .warning = {}};
 
   std::error_code ignored;
-  fs::remove(svg, ignored);
-  fs::remove(png, ignored);
+  for (const std::string& name : pictures) fs::remove(folder.path() / name, ignored);
   return {.drawn = false,
           .warning = fmt::format("no picture of {}: {}; its data and script are in {}", figure.id, reason,
                                  folder.path().string())};
+}
+
+PlotResult write_figure(const Figure& figure, const Folder& folder, const Drawing& drawing) {
+  write_sources(figure, folder, drawing);
+  return draw_figure(figure, folder, drawing);
 }
 
 std::string read_svg(const Figure& figure, const Folder& folder) {
