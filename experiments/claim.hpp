@@ -52,6 +52,7 @@ struct Claim {
   std::string meaning;    ///< for somebody who chooses a filter
   std::vector<Parameter> parameters;
   std::function<Findings(const Settings&)> measure;
+  std::string mathematics = {};  ///< the equations behind the prediction, one a line, as reports/mathml.hpp reads them
 };
 
 /// A claim that was run.

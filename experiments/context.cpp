@@ -40,7 +40,7 @@ std::string now() {
 
 }  // namespace
 
-std::vector<std::pair<std::string, std::string>> context() {
+Context context() {
   utsname machine{};
   uname(&machine);
   return {{"kfstab", KFSTAB_VERSION},

@@ -6,8 +6,10 @@
 
 namespace kfstab::experiments {
 
+using Context = std::vector<std::pair<std::string, std::string>>;
+
 /// Under what results were made: versions, compiler, flags, rounding, revision, machine. Pairs of name and value, in one
 /// order everywhere: the pages' footers and the "context" of every results.json.
-std::vector<std::pair<std::string, std::string>> context();
+Context context();
 
 }  // namespace kfstab::experiments

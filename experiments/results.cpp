@@ -10,6 +10,7 @@
 #include <kfstab/filters/step_report.hpp>
 #include <kfstab/properties/data.hpp>
 #include <kfstab/reports/number.hpp>
+#include <kfstab/reports/plot.hpp>
 
 namespace kfstab::experiments {
 namespace {
@@ -26,9 +27,9 @@ void put(json& object, const std::string& key, double value) {
   }
 }
 
-json context_json() {
+json context_json(const Context& made) {
   json object = json::object();
-  for (const auto& [name, value] : context()) object[name] = value;
+  for (const auto& [name, value] : made) object[name] = value;
   return object;
 }
 
@@ -50,7 +51,7 @@ json series(const Series& s) {
 }
 
 json filter_json(const FilterRun& f) {
-  json object{{"id", f.metadata->id}};
+  json object{{"id", f.metadata->id}, {"holds", notation(f.metadata->holds)}, {"update", f.metadata->update}};
   if (f.refused) {
     object["refused"] = *f.refused;
     return object;
@@ -86,10 +87,36 @@ json filter_json(const FilterRun& f) {
   return object;
 }
 
+json axis_json(const reports::Axis& axis) { return {{"label", axis.label}, {"log", axis.log}}; }
+
+json figure_json(const reports::Figure& figure) {
+  json object{{"id", figure.id}, {"title", figure.title}, {"caption", figure.caption}};
+  object["files"] = reports::files_of(figure);
+  object["x"] = axis_json(figure.x);
+  object["y"] = axis_json(figure.y);
+  object["curves"] = json::array();
+  for (const reports::Curve& curve : figure.curves)
+    object["curves"].push_back({{"id", curve.id},
+                                {"label", curve.label},
+                                {"role", name(curve.role)},
+                                {"color", curve.color},
+                                {"x", values(curve.x)},
+                                {"y", values(curve.y)}});
+  if (figure.maps.panels.empty()) return object;
+  const reports::HeatMaps& maps = figure.maps;
+  object["maps"] = {{"x", values(maps.x)},           {"y", values(maps.y)},     {"color", axis_json(maps.color)},
+                    {"outline", maps.outline},       {"matrix", maps.matrix},   {"numbers", maps.numbers},
+                    {"panels", json::array()}};
+  for (const reports::HeatMap& panel : maps.panels)
+    object["maps"]["panels"].push_back(
+        {{"id", panel.id}, {"label", panel.label}, {"values", values(panel.values)}, {"outlined", panel.outlined}});
+  return object;
+}
+
 }  // namespace
 
-std::string run_json(const std::vector<SystemRun>& runs) {
-  json root{{"schema", "kfstab.run/1"}, {"context", context_json()}};
+std::string run_json(const std::vector<SystemRun>& runs, const Context& made) {
+  json root{{"schema", "kfstab.run/1"}, {"context", context_json(made)}};
   // The context's seed is that of the first system that draws its data; each system states its own.
   root["context"]["seed"] = nullptr;
   for (const SystemRun& r : runs)
@@ -120,8 +147,9 @@ std::string run_json(const std::vector<SystemRun>& runs) {
   return root.dump(1) + "\n";
 }
 
-std::string claims_json(const std::vector<ClaimResult>& results, const std::map<std::string, double>& parameters) {
-  json root{{"schema", "kfstab.claims/1"}, {"context", context_json()}};
+std::string claims_json(const std::vector<ClaimResult>& results, const std::map<std::string, double>& parameters,
+                        const Context& made) {
+  json root{{"schema", "kfstab.claims/1"}, {"context", context_json(made)}};
   root["parameters"] = parameters;
   root["claims"] = json::array();
   for (const ClaimResult& r : results) {
@@ -131,10 +159,20 @@ std::string claims_json(const std::vector<ClaimResult>& results, const std::map<
                 {"statement", r.claim.statement},
                 {"source", r.claim.source},
                 {"setup", r.claim.setup},
+                {"mathematics", r.claim.mathematics},
                 {"prediction", r.claim.prediction},
+                {"meaning", r.claim.meaning},
                 {"verdict", name(r.verdict())},
                 {"seconds", r.seconds}};
     object["parameters"] = r.settings.values();
+    object["variable"] = json::array();
+    for (const Parameter& parameter : r.claim.parameters) {
+      json entry{{"name", parameter.name}, {"meaning", parameter.meaning}};
+      put(entry, "default", parameter.value);
+      put(entry, "least", parameter.least);
+      put(entry, "most", parameter.most);
+      object["variable"].push_back(std::move(entry));
+    }
     object["checks"] = json::array();
     for (const reports::Check& check : r.findings.checks) {
       json entry{{"name", check.name}};
@@ -145,14 +183,7 @@ std::string claims_json(const std::vector<ClaimResult>& results, const std::map<
       object["checks"].push_back(std::move(entry));
     }
     object["figures"] = json::array();
-    for (const reports::Figure& figure : r.findings.figures) {
-      json entry{{"id", figure.id}, {"title", figure.title}, {"caption", figure.caption}};
-      entry["files"] = {figure.id + ".svg", figure.id + ".png", figure.id + ".csv", figure.id + ".gp", figure.id + ".dat"};
-      entry["curves"] = json::array();
-      for (const reports::Curve& curve : figure.curves)
-        entry["curves"].push_back({{"id", curve.id}, {"label", curve.label}, {"x", values(curve.x)}, {"y", values(curve.y)}});
-      object["figures"].push_back(std::move(entry));
-    }
+    for (const reports::Figure& figure : r.findings.figures) object["figures"].push_back(figure_json(figure));
     root["claims"].push_back(std::move(object));
   }
   return root.dump(1) + "\n";
@@ -161,7 +192,7 @@ std::string claims_json(const std::vector<ClaimResult>& results, const std::map<
 std::string reference_json_before_steps(const properties::System& system, int digits) {
   const auto* simulated = dynamic_cast<const properties::Simulated*>(system.data.get());
   const auto d = system.dimensions();
-  json root{{"schema", "kfstab.reference/1"}, {"context", context_json()}};
+  json root{{"schema", "kfstab.reference/1"}, {"context", context_json(context())}};
   root["system"] = {{"name", system.name},
                     {"description", system.description},
                     {"source", system.source},
@@ -183,7 +214,7 @@ std::string reference_json_after_steps(const properties::System& system, const R
 }
 
 std::string list_json(const std::string& what) {
-  json root{{"schema", "kfstab.list/1"}, {"context", context_json()}};
+  json root{{"schema", "kfstab.list/1"}, {"context", context_json(context())}};
   if (what.empty() || what == "systems") {
     root["systems"] = json::array();
     for (const CatalogueEntry& entry : catalogue()) {

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/context.hpp>
 #include <kfstab/experiments/reference_steps.hpp>
 #include <kfstab/experiments/run.hpp>
 
@@ -13,10 +14,11 @@
 namespace kfstab::experiments {
 
 /// Schema kfstab.run/1.
-std::string run_json(const std::vector<SystemRun>& runs);
+std::string run_json(const std::vector<SystemRun>& runs, const Context& made = context());
 
 /// Schema kfstab.claims/1. parameters: what was set for all.
-std::string claims_json(const std::vector<ClaimResult>& results, const std::map<std::string, double>& parameters);
+std::string claims_json(const std::vector<ClaimResult>& results, const std::map<std::string, double>& parameters,
+                        const Context& made = context());
 
 /// Schema kfstab.reference/1 but for its steps, which are too many to be held: what stands before them, the opening bracket
 /// included, and what after.

@@ -9,6 +9,18 @@ void Series::widen(Stretch& stretch, Point point) {
   if (std::isnan(stretch.high.value) || point.value > stretch.high.value) stretch.high = point;
 }
 
+Series::Series(const Points& points, std::int64_t count) {
+  for (std::size_t i = 0; i < points.step.size(); ++i) {
+    const Point point{static_cast<std::int64_t>(points.step[i]), points.value[i]};
+    if (i == 0) first_ = point;
+    last_ = point;
+    stretches_.push_back({point, point});
+    if (std::isnan(largest_) || point.value > largest_) largest_ = point.value;
+    if (std::isnan(smallest_) || point.value < smallest_) smallest_ = point.value;
+  }
+  count_ = count;
+}
+
 void Series::add(std::int64_t step, double value) {
   const Point point{step, value};
   if (count_ == 0) first_ = point;

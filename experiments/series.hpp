@@ -12,6 +12,11 @@ class Series {
  public:
   static constexpr std::size_t capacity = 10000;
 
+  Series() = default;
+  /// What points() and count() of another said: how a stored series comes back.
+  struct Points;
+  Series(const Points& points, std::int64_t count);
+
   void add(std::int64_t step, double value);
 
   struct Points {

@@ -20,6 +20,18 @@ enum class CurveRole {
   envelope,         ///< a grey region from the bottom of the figure up to y: what theory excuses
 };
 
+/// "measured_points" and so on, as data files and results.json say.
+constexpr std::string_view name(CurveRole role) {
+  switch (role) {
+    case CurveRole::measured_points: return "measured_points";
+    case CurveRole::measured_line: return "measured_line";
+    case CurveRole::quartile: return "quartile";
+    case CurveRole::theory: return "theory";
+    case CurveRole::envelope: break;
+  }
+  return "envelope";
+}
+
 struct Curve {
   std::string id{};     ///< unique in its figure: names the curve in data files
   std::string label{};  ///< what the legend says
@@ -31,16 +43,37 @@ struct Curve {
 
 struct Axis {
   std::string label{};  ///< with the unit
-  bool log = false;   ///< zero and negative values are drawn on a marked floor below the smallest positive one
+  bool log = false;     ///< zero and negative values are drawn on a marked floor below the smallest positive one
 };
 
+/// A matrix of values, each drawn as the colour of its cell.
+struct HeatMap {
+  std::string id{};     ///< unique in its figure: names the map in data files
+  std::string label{};  ///< heads its panel
+  std::vector<double>
+      values{};  ///< HeatMaps::y.size() rows of x.size() values, one after the other; not finite: hatched
+  std::vector<bool> outlined{};  ///< the cells within the line; as long as values, or empty
+};
+
+/// Heat maps over the same axes with one scale of colours, side by side.
+struct HeatMaps {
+  std::vector<double> x{}, y{};  ///< the middles of the cells, increasing; positive on a log axis
+  Axis color{};                  ///< the scale of colours: dark is small, bright is large
+  std::vector<HeatMap> panels{};
+  std::string outline{};  ///< what the line around cells means, for the legend
+  bool matrix = false;    ///< x and y count columns and rows: the first row on top
+  bool numbers = false;   ///< with the value written in each cell
+};
+
+/// Curves, or heat maps.
 struct Figure {
-  std::string id{};  ///< unique in its document, kebab-case (letters, digits and `-`): names the files
+  std::string id{};       ///< unique in its document, kebab-case (letters, digits and `-`): names the files
   std::string title{};    ///< one line, at most some 80 characters
   std::string caption{};  ///< the question that the figure answers, in prose
   Axis x{};
   Axis y{};
   std::vector<Curve> curves{};
+  HeatMaps maps{};  ///< if it has panels, there are no curves
 };
 
 enum class Alignment { left, right, center };
@@ -78,13 +111,22 @@ struct Checks {
 };
 struct Paragraph {
   std::string text{};
+  std::string label{};  ///< what the paragraph is about, in bold before it: "Setup"
+};
+/// Equations in plain notation (mathml.hpp), each with what it belongs to.
+struct Equation {
+  std::string text{};
+  std::string label{};
+};
+struct Equations {
+  std::vector<Equation> equations{};
 };
 /// Text whose line breaks and blanks matter: a command, a matrix, a program's answer.
 struct Preformatted {
   std::string text{};
 };
 
-using Block = std::variant<Paragraph, Table, Figure, Checks, Preformatted>;
+using Block = std::variant<Paragraph, Equations, Table, Figure, Checks, Preformatted>;
 
 struct Section {
   std::string anchor{};  ///< unique in its document, kebab-case: the section's address

@@ -153,24 +153,26 @@ Folder::Folder(fs::path path) : path_(std::move(path)) {
 }
 
 void Folder::write(std::string_view name, std::string_view content) const {
-  enter(name);
+  enter({std::string(name)});
   write_file(path_ / name, content);
 }
 
-fs::path Folder::claim(std::string_view name) const {
-  enter(name);
-  remove_if_there(path_ / name);
-  return path_ / name;
+void Folder::announce(const std::vector<std::string>& names) const {
+  enter(names);
+  for (const std::string& name : names) remove_if_there(path_ / name);
 }
 
 // Entered before it is written: a run that is killed leaves no file of ours that the marker does not know.
-void Folder::enter(std::string_view name) const {
-  if (!is_plain_name(name) || name == marker)
-    throw FileError("write", path_ / name, "a plain file name was expected");
+void Folder::enter(const std::vector<std::string>& names) const {
   const fs::path marker_path = path_ / marker;
-  auto names = read_marker(marker_path);
-  if (!names) throw FileError("write", path_ / name, fmt::format("the folder's {} is gone", marker));
-  if (names->insert(std::string(name)).second) write_marker(marker_path, *names);
+  for (const std::string& name : names)
+    if (!is_plain_name(name) || name == marker)
+      throw FileError("write", path_ / name, "a plain file name was expected");
+  auto known = read_marker(marker_path);
+  if (!known) throw FileError("write", path_ / names.front(), fmt::format("the folder's {} is gone", marker));
+  const std::size_t before = known->size();
+  known->insert(names.begin(), names.end());
+  if (known->size() != before) write_marker(marker_path, *known);
 }
 
 }  // namespace kfstab::reports

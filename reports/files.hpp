@@ -8,6 +8,7 @@
 #include <stdexcept>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace kfstab::reports {
 
@@ -65,12 +66,11 @@ class Folder {
   /// As write_file. `name` is a plain file name: no folders in it.
   void write(std::string_view name, std::string_view content) const;
 
-  /// Enters `name` in the marker for a file that another program will write, removes what stands there, and
-  /// returns the file's path.
-  std::filesystem::path claim(std::string_view name) const;
+  /// Enters in the marker, at once, names that will be written by whatever program, and removes what stands there.
+  void announce(const std::vector<std::string>& names) const;
 
  private:
-  void enter(std::string_view name) const;
+  void enter(const std::vector<std::string>& names) const;
 
   std::filesystem::path path_;
 };

@@ -13,6 +13,8 @@
 #include <gnuplot-iostream.h>
 #pragma GCC diagnostic pop
 
+#include <kfstab/reports/program.hpp>
+
 namespace kfstab::reports {
 namespace {
 
@@ -40,18 +42,7 @@ std::string in_one_line(std::istream& messages) {
 
 }  // namespace
 
-std::optional<fs::path> find_gnuplot() {
-  const char* path = std::getenv("PATH");
-  if (path == nullptr) return std::nullopt;
-  std::istringstream folders(path);
-  for (std::string folder; std::getline(folders, folder, ':');) {
-    if (folder.empty()) continue;
-    std::error_code unreadable;
-    fs::path candidate = fs::absolute(fs::path(folder) / "gnuplot", unreadable);
-    if (fs::is_regular_file(candidate, unreadable) && ::access(candidate.c_str(), X_OK) == 0) return candidate;
-  }
-  return std::nullopt;
-}
+std::optional<fs::path> find_gnuplot() { return find_program("gnuplot"); }
 
 std::string run_gnuplot(const fs::path& folder, std::string_view script) {
   const auto program = find_gnuplot();

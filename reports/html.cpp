@@ -1,6 +1,7 @@
 #include <kfstab/reports/html.hpp>
 
 #include <algorithm>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <set>
@@ -10,6 +11,7 @@
 #include <fmt/format.h>
 #include <kainjow/mustache.hpp>
 
+#include <kfstab/reports/mathml.hpp>
 #include <kfstab/reports/number.hpp>
 
 namespace kfstab::reports {
@@ -68,14 +70,15 @@ data cell(const Table& table, const std::vector<std::string>& row, std::size_t c
   return object({{"text", column < row.size() ? row[column] : ""}, {"alignment", std::string(css_class(table, column))}});
 }
 
-data curve_in_numbers(const Curve& curve) {
+/// A row of the table below a figure: of a curve, or of a heat map, which has no first value and no last.
+data in_numbers(const std::string& label, const std::vector<double>& all, bool ordered) {
   std::vector<double> values;
-  std::copy_if(curve.y.begin(), curve.y.end(), std::back_inserter(values), [](double y) { return std::isfinite(y); });
+  std::copy_if(all.begin(), all.end(), std::back_inserter(values), [](double value) { return std::isfinite(value); });
   const auto number = [&](auto which) { return values.empty() ? std::string("–") : short_number(which(), 3); };
-  return object({{"label", curve.label},
+  return object({{"label", label},
                  {"points", fmt::format("{}", values.size())},
-                 {"first", number([&] { return values.front(); })},
-                 {"last", number([&] { return values.back(); })},
+                 {"first", ordered ? number([&] { return values.front(); }) : "–"},
+                 {"last", ordered ? number([&] { return values.back(); }) : "–"},
                  {"smallest", number([&] { return *std::min_element(values.begin(), values.end()); })},
                  {"largest", number([&] { return *std::max_element(values.begin(), values.end()); })}});
 }
@@ -85,7 +88,18 @@ class BlockData {
  public:
   explicit BlockData(const SvgSource& svg) : svg_(svg) {}
 
-  data operator()(const Paragraph& block) const { return object({{"paragraph", object({{"text", block.text}})}}); }
+  data operator()(const Paragraph& block) const {
+    return object({{"paragraph", object({{"label", if_any(block.label)}, {"text", block.text}})}});
+  }
+
+  data operator()(const Equations& block) const {
+    data rows = list();
+    const bool labelled = std::ranges::any_of(block.equations, [](const Equation& e) { return !e.label.empty(); });
+    for (const Equation& equation : block.equations)
+      rows << object({{"has_label", labelled}, {"label", equation.label}, {"mathml", render_mathml(equation.text)}});
+    return object({{"equations", object({{"rows", rows}})}});
+  }
+
   data operator()(const Preformatted& block) const { return object({{"preformatted", object({{"text", block.text}})}}); }
 
   data operator()(const Table& table) const {
@@ -120,11 +134,13 @@ class BlockData {
   data operator()(const Figure& figure) {
     std::string svg = svg_ ? svg_(figure) : "";
     const bool has_svg = svg.find("<svg") != svg.npos;
-    const bool first = has_svg && !std::exchange(has_figure_, true);
+    const bool first = has_svg && !figure.curves.empty() && !std::exchange(has_figure_, true);
     if (has_svg) svg = inlined_(std::move(svg));
     data curves = list();
-    for (const Curve& curve : figure.curves) curves << curve_in_numbers(curve);
+    for (const Curve& curve : figure.curves) curves << in_numbers(curve.label, curve.y, true);
+    for (const HeatMap& panel : figure.maps.panels) curves << in_numbers(panel.label, panel.values, false);
     return object({{"figure", object({{"id", figure.id},
+                                      {"number", fmt::format("{}", ++figures_)},
                                       {"title", figure.title},
                                       {"caption", if_any(figure.caption)},
                                       {"x_label", figure.x.label},
@@ -132,6 +148,7 @@ class BlockData {
                                       {"has_svg", has_svg},
                                       {"first", first},
                                       {"svg", svg},
+                                      {"what", figure.maps.panels.empty() ? "curves" : "maps"},
                                       {"curves", curves}})}});
   }
 
@@ -139,6 +156,7 @@ class BlockData {
   const SvgSource& svg_;
   Inliner inlined_;
   bool has_figure_ = false;
+  int figures_ = 0;
 };
 
 /// "2 of 3", or "" for a section without checks.
@@ -163,10 +181,10 @@ std::string summary(const Document& document) {
 }
 
 void check(const Document& document) {
-  std::set<std::string_view> anchors, figures;
+  std::set<std::string_view> anchors{"environment", "verdicts"}, figures;
   for (const Section& section : document.sections) {
     if (!anchors.insert(section.anchor).second)
-      throw std::invalid_argument(fmt::format("two sections have the anchor {:?}", section.anchor));
+      throw std::invalid_argument(fmt::format("two sections have the anchor {:?}, or it is the page's own", section.anchor));
     for (const Block& block : section.blocks)
       if (const auto* figure = std::get_if<Figure>(&block); figure && !figures.insert(figure->id).second)
         throw std::invalid_argument(fmt::format("two figures have the id {:?}", figure->id));
@@ -198,7 +216,7 @@ std::string render_html(const Document& document, const SvgSource& svg) {
                              {"has_verdicts", has_verdicts},
                              {"verdicts", verdicts},
                              {"summary", if_any(summary(document))},
-                             {"has_contents", has_contents && document.sections.size() > 2},
+                             {"has_contents", has_verdicts ? has_contents || !document.context.empty() : document.sections.size() > 2},
                              {"contents_title", has_verdicts ? "Also in this report" : "Contents"},
                              {"contents", contents},
                              {"sections", sections},

@@ -90,6 +90,8 @@ Scale log_scale(const std::vector<double>& measured, const std::vector<double>& 
 /// digit times a power of ten.
 std::string power_label(int digit, int exponent, PowerNotation notation) {
   if (notation == PowerNotation::plain) return fmt::format("{}e{}", digit, exponent);
+  if (notation == PowerNotation::latex)
+    return fmt::format("${}10^{{{}}}$", digit == 1 ? "" : fmt::format("{}\\cdot", digit), exponent);
   return fmt::format("{}10^{{{}}}", digit == 1 ? "" : fmt::format("{}·", digit), exponent);
 }
 
@@ -108,7 +110,7 @@ Scale scale_for(const Axis& axis, const std::vector<double>& measured, const std
 std::vector<Tick> log_ticks(const Scale& scale, PowerNotation notation, int most) {
   if (!scale.log) return {};
   std::vector<Tick> ticks;
-  if (scale.floor) ticks.push_back({*scale.floor, scale.has_negative ? "≤ 0" : "0"});
+  if (scale.floor) ticks.push_back({*scale.floor, !scale.has_negative ? "0" : notation == PowerNotation::latex ? "$\\le 0$" : "≤ 0"});
 
   const double bottom = std::log10(scale.low), top = std::log10(scale.high);
   // Above the floor a label needs room, and a tick that is lower than what is measured means nothing.

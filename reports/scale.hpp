@@ -34,7 +34,8 @@ struct Tick {
   std::string label;  ///< empty for a minor tick
 };
 
-enum class PowerNotation { superscript, plain };  ///< 10^{-5} as gnuplot sets it, or 1e-5
+/// 10^{-5} as gnuplot sets it, $10^{-5}$ as LaTeX does, or 1e-5.
+enum class PowerNotation { superscript, latex, plain };
 
 /// The ticks of a log axis, at most about `most` of them labelled; none if a linear axis' own ticks do better.
 std::vector<Tick> log_ticks(const Scale& scale, PowerNotation notation, int most = 8);

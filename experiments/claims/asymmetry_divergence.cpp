@@ -130,7 +130,10 @@ Claim asymmetry_divergence() {
           .meaning = "Symmetrise P every step, compute one triangle of it, or hold a factor. A filter that passes a test "
                      "of a hundred steps may be gone after four hundred.",
           .parameters = {{"steps", 400, "number of steps", 310, 2000}},
-          .measure = measure};
+          .measure = measure,
+          .mathematics = "P+ = A P A' - K Re K' + B Q B'\n"
+                         "D = P - P',  D+ = A D A' - G D G',  G = K C\n"
+                         "D+ = A D A'  for p = 1:  |D| grows by |l1 l2| a step"};
 }
 
 }  // namespace kfstab::experiments::claims

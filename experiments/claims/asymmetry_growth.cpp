@@ -242,7 +242,12 @@ Claim asymmetry_growth() {
           .parameters = {{"r", 1.2, "modulus of the eigenvalues of A in the figure", 1.02, 2},
                          {"systems", 20, "number of random systems", 1, 1000},
                          {"seed", 1, "seed of the first random system", 0, 1e15}},
-          .measure = measure};
+          .measure = measure,
+          .mathematics = "D+ = F D F'  in (i)\n"
+                         "D+ = 2 A D A' - F D F'  in (ii)\n"
+                         "D+ = A D A' - G D G'  in (iii)\n"
+                         "D+ = A D A' + G D G'  in (iv), (v)\n"
+                         "F = A - K C,  G = K C,  p = 1:  |D+| = |l1 l2| |D|  in (iii), (iv), (v)"};
 }
 
 }  // namespace kfstab::experiments::claims

@@ -192,7 +192,10 @@ Claim dyer_mcreynolds() {
           .meaning = "Half of the digits are gone before the first of a square-root filter's: the classic reason to hold a "
                      "root.",
           .parameters = {{"steps", 20, "number of steps", 1, 1000}},
-          .measure = measure};
+          .measure = measure,
+          .mathematics = "C = [1, 1, 1; 1, 1, 1+d],  R = d^2 I\n"
+                         "P_k = (I + k C'C / d^2)^{-1}\n"
+                         "k(Re) -> 4.5 / d^2"};
 }
 
 }  // namespace kfstab::experiments::claims

@@ -214,7 +214,10 @@ Claim innovation_conditioning() {
           .parameters = {{"decades", 7, "largest condition number of Re^1/2, as a power of ten", 4, 7},
                          {"frames", 30, "random frames at each condition number", 5, 1000},
                          {"seed", 1, "seed of the random frames", 0, 1e15}},
-          .measure = measure};
+          .measure = measure,
+          .mathematics = "||dP|| <= c u k(Re) ||P+|| / cos^2\n"
+                         "||dK|| <= c u k(Re) ||K||\n"
+                         "||dS|| <= c u (1 + k(Re)^{1/2}) ||S+|| / cos"};
 }
 
 }  // namespace kfstab::experiments::claims

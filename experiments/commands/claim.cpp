@@ -13,7 +13,6 @@
 #include <kfstab/experiments/selection.hpp>
 #include <kfstab/properties/expression.hpp>
 #include <kfstab/properties/input_error.hpp>
-#include <kfstab/reports/markdown.hpp>
 #include <kfstab/reports/terminal.hpp>
 
 namespace kfstab::experiments {
@@ -62,25 +61,27 @@ int claim_command(const ClaimArguments& arguments) {
   const auto set = values_of(arguments.set, selected);
   const Effort effort = arguments.quick ? Effort::quick : Effort::full;
   for (const Claim& claim : selected) settings_of(claim, set, effort);  // refuses what is out of range before any work
-  Output output(arguments.out, arguments.claims.empty() ? "claim" : "claim-" + arguments.claims, arguments.json);
+  Output output(arguments.out, arguments.claims.empty() ? "claim" : "claim-" + arguments.claims, arguments.json,
+                arguments.rendering);
 
   std::vector<ClaimResult> results;
   {
     Progress progress("claims", static_cast<std::int64_t>(selected.size()));
     results = run_claims(selected, set, effort, arguments.jobs, [&] { progress.advance(); });
   }
-  output.write(claims_document(results), claims_json(results, set));
+  const Context made = context();
+  output.write(claims_document(results, made), claims_json(results, set, made));
 
   const auto passed = std::ranges::count_if(
       results, [](const ClaimResult& r) { return r.verdict() == reports::Verdict::confirmed; });
-  if (arguments.markdown) {
-    output.print(reports::render_markdown(verdict_table(results)));
+  if (output.only_markdown()) {
+    output.print(verdict_table(results));
   } else {
     for (const ClaimResult& result : results) {
       output.print(fmt::format("C{}  {}: {}\n", result.claim.number, result.claim.title, name(result.verdict())));
       output.print(reports::render_text(reports::Checks{result.findings.checks}) + "\n");
     }
-    output.print(fmt::format("Plots, data and the page: {}\n", (output.folder() / "index.html").string()));
+    output.print(fmt::format("Plots, data and the page: {}\n", output.report().string()));
     output.print(fmt::format("{} passed, {} failed\n", passed, static_cast<std::ptrdiff_t>(results.size()) - passed));
   }
   if (interrupted()) {

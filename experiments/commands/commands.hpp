@@ -6,6 +6,8 @@
 #include <string>
 #include <vector>
 
+#include <kfstab/experiments/pages.hpp>
+
 /// The commands, one file each; main.cpp reads the command line. Each returns its exit code (docs/conventions.md) and
 /// throws for what main.cpp turns into one: properties::InputError and reports::FileError 2, NothingSelected 5.
 namespace kfstab::experiments {
@@ -27,6 +29,7 @@ struct RunArguments {
   SetArguments set;
   std::string out;
   std::string json;
+  Rendering rendering;
 };
 int run_command(const RunArguments& arguments);
 
@@ -48,9 +51,16 @@ struct ClaimArguments {
   int jobs = 0;        ///< 0: one a core
   std::string out;
   std::string json;
-  bool markdown = false;  ///< the table of verdicts alone, as Markdown
+  Rendering rendering;
 };
 int claim_command(const ClaimArguments& arguments);
+
+struct ReportArguments {
+  std::vector<std::string> results;  ///< one results.json to render again, or two to compare
+  std::string out;
+  Rendering rendering;
+};
+int report_command(const ReportArguments& arguments);
 
 int demo_command(const std::string& out);
 

@@ -10,7 +10,6 @@
 #include <kfstab/experiments/progress.hpp>
 #include <kfstab/experiments/results.hpp>
 #include <kfstab/reports/plot.hpp>
-#include <kfstab/reports/terminal.hpp>
 
 namespace kfstab::experiments {
 namespace {
@@ -37,7 +36,8 @@ int demo_command(const std::string& out) {
     std::erase_if(claims, [](const Claim& claim) { return !std::ranges::count(shown, claim.number); });
     results = run_claims(claims, {}, Effort::full, 0, [&] { progress.advance(); });
   }
-  output.write(claims_document(results), claims_json(results, {}));
+  const Context made = context();
+  output.write(claims_document(results, made), claims_json(results, {}, made));
 
   const auto divergence = std::ranges::find(results, 4, [](const ClaimResult& r) { return r.claim.number; });
   if (divergence != results.end()) {
@@ -52,8 +52,8 @@ int demo_command(const std::string& out) {
         "of the two largest eigenvalue moduli of A. srcf cannot lose symmetry.\n\n",
         growth->measured, growth->predicted));
   }
-  output.print(reports::render_text(verdict_table(results)));
-  output.print(fmt::format("\nThe report, with every figure: {}\n", (output.folder() / "index.html").string()));
+  output.print(verdict_table(results));
+  output.print(fmt::format("\nThe report, with every figure: {}\n", output.report().string()));
   output.print(
       "Next, a system of your own:    ./kfstab run mine.toml       (docs/systems.md; ./kfstab list systems for examples)\n"
       "A filter of your own:          one header and one line in filters/ (CONTRIBUTING.md), then ./kfstab run and test\n");

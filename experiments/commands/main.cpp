@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cerrno>
 #include <cstdio>
 #include <exception>
@@ -32,6 +33,16 @@ SetArguments split(const std::vector<std::string>& words) {
   return set;
 }
 
+/// --format and --for.
+Rendering rendering_of(const std::vector<std::string>& formats, const std::string& medium) {
+  const auto has = [&](const char* format) { return std::ranges::count(formats, format) > 0; };
+  Rendering rendering{has("html"), has("markdown"), has("pdf")};
+  if (medium == "slide") rendering.medium = kfstab::reports::Medium::slide;
+  if (medium == "print") rendering.medium = kfstab::reports::Medium::print;
+  if (medium == "paper") rendering.medium = kfstab::reports::Medium::paper;
+  return rendering;
+}
+
 int command_line(int argc, char** argv) {
   CLI::App app{"kfstab, a laboratory for the numerical stability of Kalman filters"};
   app.set_version_flag("--version", fmt::format("kfstab {} ({})", KFSTAB_VERSION, KFSTAB_REVISION));
@@ -53,8 +64,19 @@ int command_line(int argc, char** argv) {
   };
   std::vector<std::string> set;
   std::string format = "text";
+  std::vector<std::string> formats{"html"};
+  std::string medium = "screen";
   const auto add_set = [&set](CLI::App* command, const std::string& text) {
     command->add_option("--set", set, text)->envname("KFSTAB_SET")->type_name("NAME=VALUE")->take_all()->expected(1);
+  };
+  const auto add_rendering = [&formats, &medium](CLI::App* command) {
+    command->add_option("--format", formats, "of the report: html, markdown, pdf, or several with commas between")
+        ->envname("KFSTAB_FORMAT")->delimiter(',')->check(CLI::IsMember({"html", "markdown", "pdf"}))
+        ->expected(1)->take_all()->type_name("LIST")->default_str("html");
+    command->add_option("--for", medium, "what the figures are for: screen, slide (large type, thick lines), print (small,\n"
+                        "in greys) or paper (text set by LaTeX); all but screen come as PDF too")
+        ->envname("KFSTAB_FOR")->check(CLI::IsMember({"screen", "slide", "print", "paper"}))->type_name("MEDIUM")
+        ->default_str("screen");
   };
 
   RunArguments run;
@@ -73,8 +95,10 @@ int command_line(int argc, char** argv) {
   run_app->add_option("--out", run.out, "folder for the results; else ./kfstab-out/run-SYSTEM")->envname("KFSTAB_OUT")->type_name("DIR");
   run_app->add_option("--json", run.json, "the results as JSON into this file too; - for stdout, and nothing else there")
       ->envname("KFSTAB_JSON")->type_name("FILE");
+  add_rendering(run_app);
   run_app->callback([&] {
     run.set = split(set);
+    run.rendering = rendering_of(formats, medium);
     exit_code = run_command(run);
   });
 
@@ -109,10 +133,22 @@ int command_line(int argc, char** argv) {
   claim_app->add_option("--out", claim.out, "folder for the results; else ./kfstab-out/claim-REGEX")->envname("KFSTAB_OUT")->type_name("DIR");
   claim_app->add_option("--json", claim.json, "the results as JSON into this file too; - for stdout, and nothing else there")
       ->envname("KFSTAB_JSON")->type_name("FILE");
+  add_rendering(claim_app);
   claim_app->callback([&] {
     claim.set = split(set);
-    claim.markdown = format == "markdown";
+    claim.rendering = rendering_of(formats, medium);
     exit_code = claim_command(claim);
+  });
+
+  ReportArguments report;
+  auto* report_app = add_command("report", "Render stored results again, or say what changed between two");
+  report_app->add_option("RESULTS", report.results, "a results.json or the folder with it; of two, what changed from the first")
+      ->required()->expected(1, 2);
+  report_app->add_option("--out", report.out, "folder for the report; else ./kfstab-out/report-NAME")->envname("KFSTAB_OUT")->type_name("DIR");
+  add_rendering(report_app);
+  report_app->callback([&] {
+    report.rendering = rendering_of(formats, medium);
+    exit_code = report_command(report);
   });
 
   std::string demo_out;
@@ -124,13 +160,9 @@ int command_line(int argc, char** argv) {
   auto* list_app = add_command("list", "List the systems, filters and claims that come with kfstab");
   list_app->add_option("WHAT", what, "systems, filters or claims; else all")
       ->check(CLI::IsMember({"systems", "filters", "claims"}));
-  const auto add_format = [&format](CLI::App* command, const std::string& text, const std::vector<std::string>& formats) {
-    command->add_option("--format", format, text)
-        ->envname("KFSTAB_FORMAT")->check(CLI::IsMember(formats))->capture_default_str();
-  };
-  add_format(list_app, "text, markdown for a README, or json for a program", {"text", "markdown", "json"});
+  list_app->add_option("--format", format, "text, markdown for a README, or json for a program")
+      ->envname("KFSTAB_FORMAT")->check(CLI::IsMember({"text", "markdown", "json"}))->capture_default_str();
   list_app->callback([&] { exit_code = list_command(what, format); });
-  add_format(claim_app, "text, or markdown for a README", {"text", "markdown"});
 
   try {
     app.parse(argc, argv);

@@ -15,7 +15,6 @@
 #include <kfstab/experiments/results.hpp>
 #include <kfstab/experiments/run.hpp>
 #include <kfstab/experiments/selection.hpp>
-#include <kfstab/reports/terminal.hpp>
 
 namespace kfstab::experiments {
 
@@ -30,7 +29,7 @@ int run_command(const RunArguments& arguments) {
     if (!subject.empty()) subject += "+";
     subject += systems.back().name;
   }
-  Output output(arguments.out, "run-" + subject, arguments.json);
+  Output output(arguments.out, "run-" + subject, arguments.json, arguments.rendering);
 
   std::vector<SystemRun> results(systems.size());
   {
@@ -46,16 +45,18 @@ int run_command(const RunArguments& arguments) {
     arena.execute([&] { oneapi::tbb::parallel_for(std::size_t{0}, systems.size(), one); });
   }
 
-  output.write(run_document(results), run_json(results));
+  const Context made = context();
+  output.write(run_document(results, made), run_json(results, made));
   bool failed = false;
   for (const SystemRun& result : results) {
-    output.print(reports::render_text(run_table(result)) + "\n");
+    output.print(run_table(result));
+    output.print("\n");
     if (result.reference_error) {
       fmt::print(stderr, "kfstab: {}: the reference has no answer: {}\n", result.name, *result.reference_error);
       failed = true;
     }
   }
-  output.print(fmt::format("Plots, data and the page: {}\n", (output.folder() / "index.html").string()));
+  if (!output.only_markdown()) output.print(fmt::format("Plots, data and the page: {}\n", output.report().string()));
   if (std::ranges::any_of(results, &SystemRun::interrupted)) {
     fmt::print(stderr, "kfstab: interrupted; the steps done are written\n");
     return Exit::interrupted;

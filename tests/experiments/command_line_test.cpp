@@ -701,3 +701,56 @@ TEST_F(Tool, ACacheThatCannotBeWrittenIsAWarning) {
   EXPECT_EQ(outcome.out, run({"reference", "rotation", "--steps", "400"}).out);
   EXPECT_EQ(entries(here / "cache"), 0u);
 }
+
+TEST_F(Tool, ReportRendersStoredResultsAgainWithoutRunning) {
+  ASSERT_EQ(run({"run", "local-level", "--steps", "5", "--out", "out"}).exit_code, 0);
+  const Outcome again = run({"report", "out", "--out", "again", "--format", "html,markdown"});
+  EXPECT_EQ(again.exit_code, 0) << again.err;
+  EXPECT_NE(again.out.find("local-level: n = 1"), std::string::npos) << again.out;
+  EXPECT_EQ(read(here / "again" / "index.html"), read(here / "out" / "index.html"));
+  EXPECT_EQ(read(here / "again" / "results.json"), read(here / "out" / "results.json"));
+  EXPECT_EQ(read(here / "again" / "local-level-gain-error.csv"), read(here / "out" / "local-level-gain-error.csv"));
+  EXPECT_TRUE(fs::exists(here / "again" / "report.md"));
+  EXPECT_EQ(run({"report", "out/results.json", "--out", "out"}).exit_code, 0) << "into its own folder";
+  EXPECT_EQ(read(here / "again" / "index.html"), read(here / "out" / "index.html"));
+}
+
+TEST_F(Tool, ReportOfTwoFailsIfAVerdictGotWorse) {
+  ASSERT_EQ(run({"claim", "asymmetry-divergence", "--out", "good"}).exit_code, 0);
+  json worse = results("good");
+  worse["claims"][0]["checks"][0]["holds"] = false;
+  put(here / "bad.json", worse.dump());
+  const Outcome same = run({"report", "good", "good/results.json"});
+  EXPECT_EQ(same.exit_code, 0) << same.err;
+  EXPECT_NE(same.out.find("No verdict has changed."), std::string::npos) << same.out;
+  const Outcome fallen = run({"report", "good", "bad.json", "--out", "difference"});
+  EXPECT_EQ(fallen.exit_code, 1) << fallen.err;
+  EXPECT_NE(fallen.out.find("asymmetry-divergence"), std::string::npos) << fallen.out;
+  EXPECT_TRUE(fs::exists(here / "difference" / "index.html"));
+  EXPECT_FALSE(fs::exists(here / "difference" / "results.json"));
+  EXPECT_EQ(run({"report", "bad.json", "good"}).exit_code, 0) << "better is no fault";
+}
+
+TEST_F(Tool, ReportRefusesRubbishBeforeItWritesAnything) {
+  put(here / "rubbish.json", "{");
+  put(here / "future.json", R"({"schema": "kfstab.run/9"})");
+  for (const char* file : {"rubbish.json", "future.json", "missing.json"}) {
+    const Outcome outcome = run({"report", file, "--out", "out"});
+    EXPECT_EQ(outcome.exit_code, 2) << file;
+    EXPECT_NE(outcome.err.find(file), std::string::npos) << outcome.err;
+    EXPECT_EQ(count(outcome.err, "\n"), 1u) << outcome.err;
+  }
+  EXPECT_FALSE(fs::exists(here / "out"));
+  EXPECT_EQ(run({"report"}).exit_code, 2);
+  EXPECT_EQ(run({"report", "future.json", "--for", "cinema"}).exit_code, 2);
+}
+
+TEST_F(Tool, FormatAndMediumHaveTheirTwinsInTheEnvironment) {
+  const Outcome outcome = run(Start{.arguments = {"run", "local-level", "--steps", "3", "--out", "out"},
+                                    .environment = {"KFSTAB_FORMAT=markdown,pdf", "KFSTAB_FOR=slide"}});
+  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_TRUE(fs::exists(here / "out" / "report.md"));
+  EXPECT_FALSE(fs::exists(here / "out" / "index.html"));
+  EXPECT_NE(outcome.err.find("no report.pdf: chromium was not found"), std::string::npos) << outcome.err;
+  EXPECT_NE(read(here / "out" / "local-level-asymmetry.gp").find("size 960,540"), std::string::npos);
+}

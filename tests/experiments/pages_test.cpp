@@ -51,8 +51,9 @@ ClaimResult small_claim() {
                   .setup = "A setup",
                   .prediction = "A prediction",
                   .meaning = "A meaning",
-                  .parameters = {},
-                  .measure = {}};
+                  .parameters = {{"r", .2, "a radius", 0, 1}, {"n", 3, "a number", 1, 9}},
+                  .measure = {},
+                  .mathematics = "D+ = A D A'\nF = A - K C"};
   result.settings = Settings({{"r", .1}, {"n", 3}});
   result.findings.checks = {{"one", 1, 1, "equal", true}, {"two", 1, 3, "equal", false}};
   result.findings.figures = {{"made-up-figure",
@@ -102,7 +103,7 @@ TEST_F(Pages, RunHasAFigureForEachQuestionWithCaptionAndLabels) {
   const auto document = run_document({run});
   EXPECT_NE(document.title.find("local-level"), std::string::npos);
   EXPECT_FALSE(document.context.empty());
-  ASSERT_EQ(document.sections.size(), 1u);
+  ASSERT_EQ(document.sections.size(), 2u);
   const auto& section = document.sections.front();
   EXPECT_EQ(section.title, "local-level");
   EXPECT_NE(text_of(section).find(run.description), std::string::npos);
@@ -169,6 +170,15 @@ TEST_F(Pages, WhatTheSystemDoesToAnErrorIsDrawnInDecades) {
   EXPECT_EQ(envelope->y, run.filters[0].gain_bound.points().value);
 }
 
+TEST_F(Pages, RunEndsWithWhatEachFilterComputes) {
+  const auto document = run_document({run_of("unexcited-mode", 3, "^(ckf|srcf|srif)$"), run_of("local-level", 3, "^ckf$")});
+  const auto equations = blocks_of<reports::Equations>(document.sections.back());
+  ASSERT_EQ(equations.size(), 1u);
+  ASSERT_EQ(equations[0].equations.size(), 2u) << "srif is refused, ckf there twice";
+  EXPECT_EQ(equations[0].equations[0].label, "ckf");
+  EXPECT_EQ(equations[0].equations[1].text, select_filters("^srcf$").front()->update);
+}
+
 TEST_F(Pages, RefusedFiltersHaveNoCurveAndOthersDo) {
   const auto document = run_document({run_of("unexcited-mode", 4, "^(ckf|srif)$")});
   for (const auto& figure : blocks_of<reports::Figure>(document.sections.front()))
@@ -198,7 +208,7 @@ TEST_F(Pages, SystemsOfOneNameDoNotMixTheirFigures) {
     for (const auto& figure : blocks_of<reports::Figure>(section))
       EXPECT_TRUE(figures.insert(figure.id).second) << figure.id;
   }
-  EXPECT_EQ(anchors.size(), 3u);
+  EXPECT_EQ(anchors.size(), 4u);
   EXPECT_EQ(figure_ending(blocks_of<reports::Figure>(document.sections[1]), "-gain-error").curves.front().x.size(), 5u);
 }
 
@@ -215,6 +225,11 @@ TEST_F(Pages, ClaimSaysAllThatItIs) {
   EXPECT_EQ(blocks_of<reports::Checks>(section)[0].checks.size(), 2u);
   ASSERT_EQ(blocks_of<reports::Preformatted>(section).size(), 1u);
   EXPECT_EQ(blocks_of<reports::Preformatted>(section)[0].text, "kfstab claim '^made-up$' --set n=3 --set r=0.1");
+  ASSERT_EQ(blocks_of<reports::Equations>(section).size(), 1u);
+  EXPECT_EQ(blocks_of<reports::Equations>(section)[0].equations[1].text, "F = A - K C");
+  ASSERT_EQ(blocks_of<reports::Table>(section).size(), 1u);
+  EXPECT_EQ(blocks_of<reports::Table>(section)[0].rows[0],
+            (std::vector<std::string>{"r", "0.1", "0.2", "0", "1", "a radius"}));
 }
 
 TEST_F(Pages, VerdictTableHasARowAClaim) {
@@ -222,6 +237,21 @@ TEST_F(Pages, VerdictTableHasARowAClaim) {
   ASSERT_EQ(table.rows.size(), 2u);
   EXPECT_EQ(table.rows[0], (std::vector<std::string>{"C7", "made-up", "refuted", "1 of 2", "A title"}));
   EXPECT_EQ(table.rows[0].size(), table.header.size());
+}
+
+TEST_F(Pages, FormatsAreWrittenThatWereAskedForAndAMissingBrowserIsAWarning) {
+  const Environment path("PATH", folder.string());
+  ::testing::internal::CaptureStderr();
+  write_results(claims_document({small_claim()}), "{}\n", folder / "out",
+                {.html = false, .markdown = true, .pdf = true, .medium = reports::Medium::slide});
+  const std::string warning = ::testing::internal::GetCapturedStderr();
+  EXPECT_EQ(count(warning, "no report.pdf: chromium was not found in PATH"), 1u) << warning;
+  EXPECT_FALSE(std::filesystem::exists(folder / "out" / "index.html"));
+  const std::string markdown = read(folder / "out" / "report.md");
+  for (const char* text : {"| [C7  A title](#made-up) | refuted |", "D+ = A D A'", "**Setup.** A setup", "| two | 1 | 3 | no | equal |",
+                           "## Environment", "| kfstab |"})
+    EXPECT_NE(markdown.find(text), std::string::npos) << text << '\n' << markdown;
+  EXPECT_NE(read(folder / "out" / "made-up-figure.gp").find("pdfcairo"), std::string::npos);
 }
 
 TEST_F(Pages, FolderHoldsThePageTheJsonAndEveryFigure) {

@@ -175,3 +175,19 @@ TEST(Series, ALongStretchOfNanStaysAGap) {
     ASSERT_TRUE(std::isnan(points.value[i]) || points.step[i] < 30'100 || points.step[i] >= 59'900) << points.step[i];
   EXPECT_GT(std::ranges::count_if(points.value, [](double v) { return std::isnan(v); }), 100);
 }
+
+TEST(Series, ComesBackFromItsPoints) {
+  Series series;
+  for (std::int64_t k = 0; k < 25'000; ++k) series.add(k, k % 7 == 3 ? NaN : std::sin(static_cast<double>(k)));
+  const Series again(series.points(), series.count());
+  const auto points = series.points(), same = again.points();
+  EXPECT_EQ(again.count(), series.count());
+  EXPECT_EQ(same.step, points.step);
+  ASSERT_EQ(same.value.size(), points.value.size());
+  for (std::size_t i = 0; i < points.value.size(); ++i)
+    EXPECT_TRUE(same.value[i] == points.value[i] || (std::isnan(same.value[i]) && std::isnan(points.value[i])));
+  EXPECT_EQ(again.last(), series.last());
+  EXPECT_EQ(again.largest(), series.largest());
+  EXPECT_EQ(again.smallest(), series.smallest());
+  EXPECT_EQ(Series(Series().points(), 0).count(), 0);
+}

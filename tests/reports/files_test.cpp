@@ -165,7 +165,8 @@ TEST_F(Files, AFolderOfOursLosesOurFilesAndNoOthers) {
     const Folder first(path);
     first.write("old.csv", "old");
     first.write("old.csv", "old again");
-    put(first.claim("old.svg"), "picture");
+    first.announce({"old.svg", "old.png"});
+    put(path / "old.svg", "picture");
   }
   put(path / "notes.txt", "mine");
   const Folder second(path);

@@ -29,7 +29,7 @@ Document sample() {
   document.sections.push_back({.anchor = "first-claim",
                                .title = "First claim",
                                .verdict = Verdict::confirmed,
-                               .blocks = {Paragraph{"Some prose"}, figure("one"), Checks{{{"slope of one", 0.5, 0.49, "within 10 %", true}, {"other", 1, 2e-9, "below", false}}}}});
+                               .blocks = {Paragraph{"Some prose"}, Paragraph{"said so", "Labelled"}, Equations{{{"P+ = A P A'", "ckf"}}}, figure("one"), Checks{{{"slope of one", 0.5, 0.49, "within 10 %", true}, {"other", 1, 2e-9, "below", false}}}}});
   document.sections.push_back({.anchor = "second-claim", .title = "Second claim", .verdict = Verdict::refuted, .blocks = {figure("two"), Preformatted{"a  b\n c"}}});
   document.sections.push_back({.anchor = "timing",
                                .title = "Timing",
@@ -53,7 +53,8 @@ TEST_F(Html, SaysAllThatTheDocumentSays) {
        {"<title>The title</title>", "<h1>The title</h1>", "The subtitle", "href=\"#first-claim\"", "id=\"first-claim\"", "First claim", "confirmed", "refuted",
         "1 of 2", "1 confirmed, 1 refuted", "Some prose", "question of one", "title of one: error of one against steps of one", "slope of one", ">0.5<", ">0.49<",
         ">2e-9<", "within 10 %", "a  b\n c", "<caption>Times</caption>", "<th scope=\"col\" class=\"right\">ns</th>", "<th scope=\"row\" class=\"left\">ckf</th>",
-        "<td class=\"right\">120</td>", "<th scope=\"row\">curve of one</th>", ">3e-16<", ">7e-16<", ">5e-16<", "<dt>seed</dt><dd>42</dd>",
+        "<td class=\"right\">120</td>", "<th scope=\"row\">curve of one</th>", ">3e-16<", ">7e-16<", ">5e-16<", "<dt>seed</dt><dd>42</dd>", "id=\"environment\"", "<strong>Labelled.</strong> said so", "<math display=\"block\">",
+        "<th scope=\"row\">ckf</th>", "<a href=\"#figure-one\">Figure 1</a>. question of one", "<a href=\"#figure-two\">Figure 2</a>",
         "Also in this report", "id=\"figure-one\"", "aria-label=\"Times\""})
     EXPECT_NE(page.find(text), page.npos) << text;
   EXPECT_LT(page.find("id=\"first-claim\""), page.find("id=\"second-claim\""));
@@ -78,7 +79,7 @@ TEST_F(Html, EscapesAllText) {
   document.sections = {{.anchor = "a\"b",
                         .title = evil,
                         .verdict = Verdict::inconclusive,
-                        .blocks = {Paragraph{evil}, Preformatted{evil}, drawn, Checks{{{evil, 1, 1, evil, true}}},
+                        .blocks = {Paragraph{evil, evil}, Equations{{{evil, evil}, {"(" + evil, ""}}}, Preformatted{evil}, drawn, Checks{{{evil, 1, 1, evil, true}}},
                                    Table{.caption = evil, .header = {evil}, .rows = {{evil, evil}}, .alignment = {}}}},
                        {.anchor = "b", .title = evil, .verdict = std::nullopt, .blocks = {}},
                        {.anchor = "c", .title = evil, .verdict = std::nullopt, .blocks = {}}};
@@ -91,7 +92,7 @@ TEST_F(Html, EscapesAllText) {
 
 TEST_F(Html, LeavesOutWhatIsNotThere) {
   const std::string page = render_html({.title = "Bare", .subtitle = "", .sections = {{.anchor = "s", .title = "S", .verdict = std::nullopt, .blocks = {}}}, .context = {}}, nullptr);
-  for (const char* absent : {"<nav", "<footer", "class=\"subtitle\"", "<h2>Verdicts", "class=\"verdict"}) EXPECT_EQ(page.find(absent), page.npos) << absent;
+  for (const char* absent : {"<nav", "id=\"environment\"", "class=\"subtitle\"", "<h2>Verdicts", "class=\"verdict"}) EXPECT_EQ(page.find(absent), page.npos) << absent;
 }
 
 TEST_F(Html, AFigureWithoutPictureIsStillNumbers) {
@@ -116,6 +117,10 @@ TEST_F(Html, RefusesWhatWouldCollideInThePage) {
   Document anchors = sample();
   anchors.sections[1].anchor = "first-claim";
   EXPECT_THROW(render_html(anchors, no_picture), std::invalid_argument);
+  for (const char* own : {"environment", "verdicts"}) {
+    anchors.sections[1].anchor = own;
+    EXPECT_THROW(render_html(anchors, no_picture), std::invalid_argument);
+  }
   Document figures = sample();
   figures.sections[1].blocks.emplace_back(figure("one"));
   EXPECT_THROW(render_html(figures, no_picture), std::invalid_argument);

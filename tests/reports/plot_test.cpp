@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <cstdlib>
 #include <limits>
+#include <regex>
 #include <sstream>
 #include <stdexcept>
 
@@ -103,6 +104,40 @@ TEST_F(Plot, DrawsBothPicturesAndTheScriptAloneDrawsThemAgain) {
   ASSERT_EQ(std::system(("cd '" + (folder / "elsewhere").string() + "' && gnuplot error-of-p.gp").c_str()), 0);
   EXPECT_EQ(read(folder / "elsewhere" / "error-of-p.svg"), svg);
   EXPECT_GT(fs::file_size(folder / "elsewhere" / "error-of-p.png"), 1000u);
+}
+
+TEST_F(Plot, EachMediumHasItsPicturesAndTheyAreWhole) {
+  if (!find_gnuplot()) GTEST_SKIP() << "no gnuplot here";
+  const auto starts = [&](const std::string& name, const std::string& with) {
+    EXPECT_EQ(read(folder / "out" / name).substr(0, with.size()), with) << name;
+  };
+  const Folder out(folder / "out");
+  EXPECT_EQ(pictures_of(sample(), {}), (std::vector<std::string>{"error-of-p.svg", "error-of-p.png"}));
+  for (const Medium medium : {Medium::slide, Medium::print, Medium::paper}) {
+    const Drawing drawing{medium};
+    const PlotResult result = write_figure(sample(), out, drawing);
+    EXPECT_TRUE(result.drawn) << result.warning;
+    for (const std::string& name : files_of(sample(), drawing)) EXPECT_TRUE(fs::exists(folder / "out" / name)) << name;
+    starts("error-of-p.pdf", "%PDF");
+  }
+  EXPECT_NE(read(folder / "out" / "error-of-p.tex").find("\\includegraphics"), std::string::npos);
+}
+
+TEST_F(Plot, PrintHasNoColour) {
+  const Environment no_pictures("PATH", "");
+  const Folder out(folder / "out");
+  write_figure(sample(), out, {Medium::print});
+  const std::string script = read(folder / "out" / "error-of-p.gp");
+  const std::regex color("rgb '#(..)(..)(..)'");
+  for (auto match = std::sregex_iterator(script.begin(), script.end(), color); match != std::sregex_iterator(); ++match)
+    EXPECT_TRUE((*match)[1] == (*match)[2] && (*match)[2] == (*match)[3]) << match->str();
+}
+
+TEST(LabelString, EscapesWhatLatexWouldTakeForMarkup) {
+  EXPECT_EQ(label_string("100 % of a_b's {x}^2, \\ $ & # ~", PowerNotation::latex),
+            "'100 \\% of a\\_b''s \\{x\\}\\textasciicircum{}2, \\textbackslash{} \\$ \\& \\# \\textasciitilde{}'");
+  EXPECT_EQ(label_string("κ ≤ |λ|", PowerNotation::latex), "'$\\kappa$ $\\le$ $|$$\\lambda$$|$'");
+  EXPECT_EQ(label_string("a_b", PowerNotation::superscript), "'a_b'");
 }
 
 TEST_F(Plot, QuartilesAreDrawnButNotInTheLegendNorInText) {
