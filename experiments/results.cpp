@@ -1,11 +1,13 @@
 #include <kfstab/experiments/results.hpp>
 
+#include <algorithm>
 #include <cmath>
 
 #include <nlohmann/json.hpp>
 
 #include <kfstab/experiments/catalogue.hpp>
 #include <kfstab/experiments/context.hpp>
+#include <kfstab/experiments/cost.hpp>
 #include <kfstab/filters/registry.hpp>
 #include <kfstab/filters/step_report.hpp>
 #include <kfstab/properties/data.hpp>
@@ -50,6 +52,10 @@ json series(const Series& s) {
   return {{"step", values(points.step)}, {"value", values(points.value)}, {"count", s.count()}};
 }
 
+json failure_json(const std::optional<std::int64_t>& step, Status status) {
+  return step ? json{{"step", *step}, {"status", name(status)}} : json();
+}
+
 json filter_json(const FilterRun& f) {
   json object{{"id", f.metadata->id}, {"holds", notation(f.metadata->holds)}, {"update", f.metadata->update}};
   if (f.refused) {
@@ -75,7 +81,7 @@ json filter_json(const FilterRun& f) {
   object["worst"] = worst;
   object["last"] = last;
   object["first_indefinite"] = f.first_indefinite ? json(*f.first_indefinite) : json();
-  object["failure"] = f.first_failure ? json{{"step", *f.first_failure}, {"status", name(f.failure)}} : json();
+  object["failure"] = failure_json(f.first_failure, f.failure);
   put(object, "seconds_per_step", f.seconds_per_step);
   object["curves"] = {{"covariance_error", series(f.covariance_error)},
                       {"bound", series(f.bound)},
@@ -113,7 +119,129 @@ json figure_json(const reports::Figure& figure) {
   return object;
 }
 
+json digits_json(const Digits& digits) {
+  json object;
+  put(object, "end", digits.end);
+  put(object, "worst", digits.worst);
+  return object;
+}
+
+json point_json(const Comparison& c, const Point& point) {
+  json object{{"at", json::object()}, {"bits", point.bits}};
+  for (std::size_t i = 0; i < point.at.size(); ++i) object["at"][c.scans[i].name] = point.at[i];
+  if (point.error) object["error"] = *point.error;
+  put(object, "forgetting", point.forgetting);
+  object["filters"] = json::array();
+  for (std::size_t i = 0; i < point.filters.size(); ++i) {
+    const Fare& own = point.filters[i];
+    json entry{{"id", c.filters[i]->id}};
+    if (own.refused) {
+      entry["refused"] = *own.refused;
+    } else {
+      entry["digits"] = {{"P", digits_json(own.P)}, {"K", digits_json(own.K)}, {"x", digits_json(own.x)}};
+      put(entry, "bound", own.bound);
+      put(entry, "asymmetry", own.asymmetry);
+      entry["first_indefinite"] = own.first_indefinite ? json(*own.first_indefinite) : json();
+      entry["failure"] = failure_json(own.first_failure, own.failure);
+      entry["sound"] = own.sound();
+      entry["kept"] = own.kept();
+    }
+    object["filters"].push_back(std::move(entry));
+  }
+  return object;
+}
+
+json system_json(const SystemRun& r) {
+  json object{{"name", r.name}, {"description", r.description}, {"source", r.source}};
+  object["n"] = r.dimensions.n;
+  object["m"] = r.dimensions.m;
+  object["p"] = r.dimensions.p;
+  object["parameters"] = r.parameters;
+  object["seed"] = r.seed ? json(*r.seed) : json();
+  object["steps"] = r.steps_done;
+  object["steps_asked"] = r.steps_asked;
+  object["interrupted"] = r.interrupted;
+  return object;
+}
+
 }  // namespace
+
+std::string compare_json(const Comparison& c, const Context& made) {
+  json root{{"schema", "kfstab.compare/1"}, {"context", context_json(made)}};
+  root["system"] = system_json(c.as_written);
+  root["interrupted"] = c.interrupted;
+  put(root, "accurate", c.accurate);
+  root["scans"] = json::array();
+  for (const Scan& scan : c.scans)
+    root["scans"].push_back({{"name", scan.name}, {"log", scan.log}, {"values", values(scan.values)}});
+  root["filters"] = json::array();
+  for (std::size_t i = 0; i < c.filters.size(); ++i) {
+    json entry{{"id", c.filters[i]->id}};
+    put(entry, "operations", operations(*c.filters[i], c.as_written.dimensions));
+    put(entry, "seconds_per_step", c.as_written.filters[i].seconds_per_step);
+    if (std::ranges::any_of(c.scans, [](const Scan& scan) { return scan.of == Scan::Of::bits; })) {
+      const auto bits = fewest_bits(c, i);
+      entry["fewest_bits"] = bits ? json(*bits) : json();
+    }
+    root["filters"].push_back(std::move(entry));
+  }
+  root["as_written"] = point_json(c, c.base);
+  root["points"] = json::array();
+  for (const Point& point : c.points)
+    if (point.done) root["points"].push_back(point_json(c, point));
+  root["recommendation"] = {{"filter", c.recommendation.filter ? json(c.recommendation.filter->id) : json()},
+                            {"sentences", c.recommendation.sentences}};
+  return root.dump(1) + "\n";
+}
+
+std::string explain_json(const std::vector<Explained>& explained, const Context& made) {
+  json root{{"schema", "kfstab.explain/1"}, {"context", context_json(made)}};
+  root["systems"] = json::array();
+  for (const Explained& one : explained) {
+    json object = system_json(one.run);
+    object["filters"] = json::array();
+    for (const Explanation& e : one.filters) {
+      json entry{{"id", e.filter->id}, {"sentences", e.sentences}};
+      if (e.refused) {
+        entry["refused"] = *e.refused;
+        object["filters"].push_back(std::move(entry));
+        continue;
+      }
+      entry["of"] = std::string(1, e.of);
+      put(entry, "digits_lost", e.lost);
+      entry["worst_step"] = e.worst;
+      put(entry, "asymmetry", e.asymmetry);
+      entry["first_indefinite"] = e.first_indefinite ? json(*e.first_indefinite) : json();
+      entry["failure"] = failure_json(e.first_failure, e.failure);
+      entry["losses"] = json::array();
+      for (const Loss& loss : e.losses) {
+        json of_step{{"step", loss.step}};
+        put(of_step, "digits", loss.digits);
+        put(of_step, "innovation_condition", loss.innovation_condition);
+        put(of_step, "cosine", loss.cosine);
+        put(of_step, "growth", loss.growth);
+        entry["losses"].push_back(std::move(of_step));
+      }
+      if (e.entries.size() > 0) {
+        entry["entry_errors"] = json::array();
+        for (Index i = 0; i < e.entries.rows(); ++i) {
+          std::vector<double> row;
+          for (Index j = 0; j < e.entries.cols(); ++j) row.push_back(e.entries(i, j));
+          entry["entry_errors"].push_back(values(row));
+        }
+      }
+      if (e.cancellations)
+        entry["cancellations"] = {{"additions", e.cancellations->additions},
+                                  {"any", e.cancellations->any},
+                                  {"half_word", e.cancellations->half_word},
+                                  {"step", e.cancellations->step},
+                                  {"at_step", e.cancellations->at_step}};
+      object["filters"].push_back(std::move(entry));
+    }
+    root["systems"].push_back(std::move(object));
+  }
+  return root.dump(1) + "\n";
+}
 
 std::string run_json(const std::vector<SystemRun>& runs, const Context& made) {
   json root{{"schema", "kfstab.run/1"}, {"context", context_json(made)}};
@@ -123,15 +251,7 @@ std::string run_json(const std::vector<SystemRun>& runs, const Context& made) {
     if (r.seed && root["context"]["seed"].is_null()) root["context"]["seed"] = *r.seed;
   root["systems"] = json::array();
   for (const SystemRun& r : runs) {
-    json object{{"name", r.name}, {"description", r.description}, {"source", r.source}};
-    object["n"] = r.dimensions.n;
-    object["m"] = r.dimensions.m;
-    object["p"] = r.dimensions.p;
-    object["parameters"] = r.parameters;
-    object["seed"] = r.seed ? json(*r.seed) : json();
-    object["steps"] = r.steps_done;
-    object["steps_asked"] = r.steps_asked;
-    object["interrupted"] = r.interrupted;
+    json object = system_json(r);
     object["reference"] = {{"trajectories", r.trajectories},
                            {"certified_digits", r.certified_digits},
                            {"working_digits", r.working_digits}};

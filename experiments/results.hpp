@@ -5,7 +5,9 @@
 #include <vector>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/compare.hpp>
 #include <kfstab/experiments/context.hpp>
+#include <kfstab/experiments/explain.hpp>
 #include <kfstab/experiments/reference_steps.hpp>
 #include <kfstab/experiments/run.hpp>
 
@@ -15,6 +17,12 @@ namespace kfstab::experiments {
 
 /// Schema kfstab.run/1.
 std::string run_json(const std::vector<SystemRun>& runs, const Context& made = context());
+
+/// Schema kfstab.compare/1.
+std::string compare_json(const Comparison& comparison, const Context& made = context());
+
+/// Schema kfstab.explain/1.
+std::string explain_json(const std::vector<Explained>& explained, const Context& made = context());
 
 /// Schema kfstab.claims/1. parameters: what was set for all.
 std::string claims_json(const std::vector<ClaimResult>& results, const std::map<std::string, double>& parameters,

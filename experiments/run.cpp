@@ -6,6 +6,7 @@
 #include <limits>
 #include <memory>
 #include <ranges>
+#include <type_traits>
 #include <variant>
 
 #include <fmt/core.h>
@@ -15,6 +16,7 @@
 #include <kfstab/properties/data.hpp>
 #include <kfstab/reference/bounds.hpp>
 #include <kfstab/reference/error_analysis.hpp>
+#include <kfstab/reference/rounded.hpp>
 #include <kfstab/reference/same_numbers.hpp>
 #include <kfstab/reference/trajectory.hpp>
 
@@ -25,21 +27,40 @@ using reference::Errors;
 using reference::FirstOrderBound;
 using reference::Trajectory;
 
+constexpr int bits_of_double = std::numeric_limits<double>::digits;
+
 /// The numbers of one parametrisation, and the truth about them: shared by all filters that take it.
 struct Course {
   std::variant<AnyProblem<double>, properties::Refusal> problem;
   Trajectory* truth = nullptr;
 
+  Course(const properties::System& system, Parametrisation form, int bits)
+      : problem(properties::problem(system, form)) {
+    if (auto* found = std::get_if<AnyProblem<double>>(&problem)) *found = reference::rounded(*found, bits);
+  }
   const AnyProblem<double>* numbers() const { return std::get_if<AnyProblem<double>>(&problem); }
 };
 
 struct Runner {
   FilterRun result;
   Course* course = nullptr;
+  /// One of the two: of doubles, or of another number of bits.
   std::unique_ptr<AnyFilter<double>> filter;
-  std::optional<FirstOrderBound> bound;
+  std::unique_ptr<reference::RoundedFilter> rounded;
+  std::optional<FirstOrderBound> bound;  ///< there if the filter is
 
-  bool running() const { return filter && !result.first_failure; }
+  void start(int bits, Dimensions dimensions) {
+    const Metadata& metadata = *result.metadata;
+    if (bits == bits_of_double) {
+      filter = make_filter<double>(metadata.id);
+      filter->start(*course->numbers());
+    } else {
+      rounded = std::make_unique<reference::RoundedFilter>(metadata, bits);
+      rounded->start(*course->numbers());
+    }
+    bound.emplace(metadata, dimensions, std::ldexp(1, -bits));
+  }
+  bool running() const { return bound && !result.first_failure; }
 };
 
 /// The data of a run, one step at a time: what every filter is given.
@@ -68,22 +89,23 @@ void add(AnalysisRun& run, std::int64_t k, const reference::ErrorAnalysis& analy
   run.cosine.add(k, analysis.cosine());
 }
 
-void measure(Runner& runner, std::int64_t k, const Vector<double>* y, const Vector<double>* u) {
+template <class Scalar>
+void record(Runner& runner, std::int64_t k, const Step<Scalar>& step, double bound, bool with_data,
+            const RunOptions& options) {
   FilterRun& r = runner.result;
-  const reference::Truth& truth = runner.course->truth->truth();
-  const double bound = runner.bound->advance(truth);
-  if (!runner.running()) return;
-  const Step<double> step = runner.filter->step(k, y, u);
   if (!step.report) {
     r.first_failure = k;
     r.failure = step.report.status;
     return;
   }
-  const Errors e = runner.course->truth->measure(*r.metadata, step);
+  const Trajectory& truth = *runner.course->truth;
+  const Errors e = truth.measure(*r.metadata, step);
   r.gain_error.add(k, e.gain);
-  const double gain_bound = runner.bound->gain(truth, output_map(*runner.course->numbers(), k));
+  const double gain_bound = runner.bound->gain(truth.truth(), output_map(*runner.course->numbers(), k));
   if (!std::isnan(gain_bound)) r.gain_bound.add(k, gain_bound);
-  if (y) r.state_error.add(k, e.state);
+  if (with_data) r.state_error.add(k, e.state);
+  if constexpr (std::is_same_v<Scalar, double>)
+    if (options.observe) options.observe({k, *r.metadata, step, e, truth});
   if (!step.held) return;
   r.covariance_error.add(k, e.covariance);
   r.asymmetry.add(k, e.asymmetry);
@@ -91,6 +113,16 @@ void measure(Runner& runner, std::int64_t k, const Vector<double>* y, const Vect
   if (!std::isnan(bound)) r.bound.add(k, bound);
   r.correct_digits = e.correct_digits;
   if (!e.positive_semidefinite && !r.first_indefinite) r.first_indefinite = k;
+}
+
+void measure(Runner& runner, std::int64_t k, const Vector<double>* y, const Vector<double>* u,
+             const RunOptions& options) {
+  const double bound = runner.bound->advance(runner.course->truth->truth());
+  if (!runner.running()) return;
+  if (runner.rounded)
+    record(runner, k, runner.rounded->step(k, y, u), bound, y, options);
+  else
+    record(runner, k, runner.filter->step(k, y, u), bound, y, options);
 }
 
 /// Times a filter alone, over at most a thousand steps, repeated until they took ten milliseconds.
@@ -123,6 +155,9 @@ double time_step(const Metadata& metadata, const AnyProblem<double>& problem, co
   }
   return best;
 }
+
+/// What has to be certified to judge numbers of so many bits: all their digits, and ten more.
+int digits_for(int bits) { return static_cast<int>(std::ceil(bits * std::log10(2.0))) + 10; }
 
 /// The truth about each course: one trajectory for all whose numbers are the same.
 std::vector<std::unique_ptr<Trajectory>> trajectories(std::map<Parametrisation, Course>& courses,
@@ -158,6 +193,7 @@ SystemRun run(const properties::System& system, const std::vector<const Metadata
   result.steps_asked = system.steps;
   if (const auto* simulated = dynamic_cast<const properties::Simulated*>(system.data.get())) result.seed = simulated->seed();
 
+  const auto data = reference::rounded(system.data, options.bits);
   std::map<Parametrisation, Course> courses;
   std::vector<Runner> runners;
   for (const Metadata* metadata : filters) {
@@ -169,23 +205,21 @@ SystemRun run(const properties::System& system, const std::vector<const Metadata
     }
     auto found = courses.find(metadata->takes);
     if (found == courses.end())
-      found = courses.emplace(metadata->takes, Course{properties::problem(system, metadata->takes), {}}).first;
+      found = courses.emplace(metadata->takes, Course(system, metadata->takes, options.bits)).first;
     runner.course = &found->second;
     if (!runner.course->numbers()) {
       runner.result.refused = std::get<properties::Refusal>(runner.course->problem).reason;
       continue;
     }
-    runner.filter = make_filter<double>(metadata->id);
-    runner.filter->start(*runner.course->numbers());
-    runner.bound.emplace(*metadata, result.dimensions);
+    runner.start(options.bits, result.dimensions);
   }
 
   std::vector<std::unique_ptr<Trajectory>> truths;
   try {
-    truths = trajectories(courses, system.data, options.digits);
+    truths = trajectories(courses, data, std::max(options.digits, digits_for(options.bits)));
     result.trajectories = static_cast<int>(truths.size());
 
-    Feed feed(system.data);
+    Feed feed(data);
     reference::ErrorAnalysis analysis;
     for (std::int64_t k = 0; k < system.steps; ++k) {
       if (interrupted()) {
@@ -200,7 +234,7 @@ SystemRun run(const properties::System& system, const std::vector<const Metadata
       }
       feed.next();
       for (Runner& runner : runners)
-        if (runner.filter) measure(runner, k, feed.y(), feed.u());
+        if (runner.bound) measure(runner, k, feed.y(), feed.u(), options);
       result.steps_done = k + 1;
       if (options.progress) options.progress(1);
     }
@@ -217,7 +251,7 @@ SystemRun run(const properties::System& system, const std::vector<const Metadata
       first = false;
     }
   for (Runner& runner : runners) {
-    if (runner.filter && !result.interrupted)
+    if (runner.filter && options.timed && !result.interrupted)
       runner.result.seconds_per_step =
           time_step(*runner.result.metadata, *runner.course->numbers(), system, result.steps_done);
     else

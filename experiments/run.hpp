@@ -9,9 +9,11 @@
 #include <vector>
 
 #include <kfstab/experiments/series.hpp>
+#include <kfstab/filters/any_filter.hpp>
 #include <kfstab/filters/metadata.hpp>
 #include <kfstab/filters/step_report.hpp>
 #include <kfstab/properties/system.hpp>
+#include <kfstab/reference/trajectory.hpp>
 
 /// Filters and the reference stepping side by side through a system, measured at once: no run is held whole.
 namespace kfstab::experiments {
@@ -62,10 +64,25 @@ struct SystemRun {
   std::vector<FilterRun> filters;
 };
 
+/// A filter of doubles that has done step k, and the truth about it: valid during the call.
+struct Observation {
+  std::int64_t k;
+  const Metadata& metadata;
+  const Step<double>& step;
+  const reference::Errors& errors;
+  const reference::Trajectory& truth;
+};
+
 struct RunOptions {
-  int digits = 30;  ///< to be certified
+  int digits = 30;  ///< to be certified; more where the filters have more bits
   /// Called after so many more steps.
-  std::function<void(std::int64_t)> progress;
+  std::function<void(std::int64_t)> progress = {};
+  /// Mantissa of the filters. With fewer than 53 bits the problem and the data are rounded first, and the reference starts
+  /// from what the filter is given.
+  int bits = 53;
+  bool timed = true;  ///< measure seconds_per_step, of 53 bits
+  /// Called after each step of each filter of 53 bits.
+  std::function<void(const Observation&)> observe = {};
 };
 
 /// Runs the filters (metadata of the registry) on the system. Stops early when interrupted() or when the reference has

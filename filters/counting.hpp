@@ -7,6 +7,8 @@
 
 #include <Eigen/Core>
 
+#include <kfstab/filters/matrix.hpp>
+
 /// A number that counts what is done to it, for filters as for any text that is a template on its scalar:
 ///
 ///     kfstab::Operations& done = kfstab::operations();
@@ -14,7 +16,8 @@
 ///     filter.step(model, &y);      // a filter of Counting<double>
 ///     done.multiplications; ...
 ///
-/// The count is of the calling thread. Comparisons, changes of sign and scaling by powers of two are not counted.
+/// The count is of the calling thread. Comparisons, is_finite, changes of sign and scaling by powers of two are not
+/// counted.
 namespace kfstab {
 
 struct Operations {
@@ -116,6 +119,12 @@ class Counting {
 
   T value_{};
 };
+
+/// Asked of the number itself: a test is no operation.
+template <class T>
+bool is_finite(const Counting<T>& x) {
+  return is_finite(x.value());
+}
 
 }  // namespace kfstab
 

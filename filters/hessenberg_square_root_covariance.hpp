@@ -88,7 +88,7 @@ class HessenbergSquareRootCovarianceFilter {
     hessenberg_lq(m + band_, BQ_AS_, tau_);
     copy_lower(BQ_AS_, next_);
 
-    next_gain_.noalias() = U_.transpose().lazyProduct(G_);
+    multiply_transposed(U_, G_, next_gain_);
     if (y) {
       innovation_ = *y;
       innovation_.noalias() -= model.C.lazyProduct(x_);

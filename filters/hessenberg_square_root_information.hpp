@@ -206,11 +206,11 @@ class HessenbergSquareRootInformationFilter {
     if (!(rcond >= tolerance_))
       return blame(finite ? Status::singular_information : Status::overflow, rcond, model, next, y, u);
     information_gain(next_, C_weighted_, next.R_inverse_root, condensed_gain_, work_);
-    next_gain_.noalias() = U_.transpose().lazyProduct(condensed_gain_);
+    multiply_transposed(U_, condensed_gain_, next_gain_);
     if (y) {
       moved_ = right_.head(n);
       solve_triangular<Triangle::upper, false>(next_, moved_);
-      next_x_.noalias() = U_.transpose().lazyProduct(moved_);
+      multiply_transposed(U_, moved_, next_x_);
     }
     if (!all_finite(next_gain_) || (y && !all_finite(next_x_)))
       return blame(Status::overflow, rcond, model, next, y, u);

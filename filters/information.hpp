@@ -113,7 +113,7 @@ class InformationFilter {
       next_d_.noalias() = model.A_inverse.lazyProduct(work_);
       c_.noalias() += Y_.lazyProduct(next_d_);
     }
-    w_.noalias() = G.transpose().lazyProduct(c_);
+    multiply_transposed(G, c_, w_);
     w_ = -w_;
     if (model.w_mean.size() > 0)
       for (Index k = 0; k < w_.size(); ++k) {
@@ -123,7 +123,7 @@ class InformationFilter {
       }
     solve_triangular<Triangle::upper, true>(M_, w_);
     c_.noalias() += W_.lazyProduct(w_);
-    next_d_.noalias() = model.A_inverse.transpose().lazyProduct(c_);
+    multiply_transposed(model.A_inverse, c_, next_d_);
     return Status::ok;
   }
 
@@ -142,7 +142,7 @@ class InformationFilter {
       add_product_upper(next_, Phi_.transpose(), Phi_.transpose());
       if (y) {
         multiply_upper(next.R_inverse_root, *y, y_);
-        next_d_.noalias() += Phi_.transpose().lazyProduct(y_);
+        for (Index k = 0; k < p; ++k) next_d_ += Phi_.row(k).transpose() * y_(k);
       }
     }
     mirror_upper(next_);

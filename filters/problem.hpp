@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <type_traits>
 #include <variant>
 #include <vector>
 
@@ -36,6 +37,66 @@ using AnyProblem =
 template <class Scalar>
 Parametrisation parametrisation(const AnyProblem<Scalar>& problem) {
   return static_cast<Parametrisation>(problem.index());
+}
+
+/// Entry by entry.
+template <class F, int Cols>
+auto convert(const Matrix<double, Dynamic, Cols>& X, F f) {
+  Matrix<decltype(f(0.0)), Dynamic, Cols> Y(X.rows(), X.cols());
+  for (Index j = 0; j < X.cols(); ++j)
+    for (Index i = 0; i < X.rows(); ++i) Y(i, j) = f(X(i, j));
+  return Y;
+}
+
+template <class F>
+auto convert(const CovarianceModel<double>& from, F f) {
+  CovarianceModel<decltype(f(0.0))> to;
+  to.A = convert(from.A, f);
+  to.B = convert(from.B, f);
+  to.C = convert(from.C, f);
+  to.D = convert(from.D, f);
+  to.Q = convert(from.Q, f);
+  to.R = convert(from.R, f);
+  return to;
+}
+
+template <class F>
+auto convert(const RootModel<double>& from, F f) {
+  RootModel<decltype(f(0.0))> to;
+  to.A = convert(from.A, f);
+  to.B = convert(from.B, f);
+  to.C = convert(from.C, f);
+  to.D = convert(from.D, f);
+  to.Q_root = convert(from.Q_root, f);
+  to.R_root = convert(from.R_root, f);
+  return to;
+}
+
+template <class F>
+auto convert(const InformationModel<double>& from, F f) {
+  InformationModel<decltype(f(0.0))> to;
+  to.A_inverse = convert(from.A_inverse, f);
+  to.A_inverse_B = convert(from.A_inverse_B, f);
+  to.C = convert(from.C, f);
+  to.D = convert(from.D, f);
+  to.Q_inverse_root = convert(from.Q_inverse_root, f);
+  to.R_inverse_root = convert(from.R_inverse_root, f);
+  to.w_mean = convert(from.w_mean, f);
+  return to;
+}
+
+/// The problem in the scalar that f makes of a double: f(x) in the place of every number x.
+template <class F>
+AnyProblem<std::invoke_result_t<F, double>> convert(const AnyProblem<double>& from, F f) {
+  return std::visit(
+      [f](const auto& problem) -> AnyProblem<std::invoke_result_t<F, double>> {
+        Problem<decltype(convert(problem.models.front(), f))> to;
+        for (const auto& model : problem.models) to.models.push_back(convert(model, f));
+        to.initial = convert(problem.initial, f);
+        to.x0 = convert(problem.x0, f);
+        return to;
+      },
+      from);
 }
 
 /// What one step brings: the measurement y_k (p) and the known input u_k (as many as D has columns).

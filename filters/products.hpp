@@ -2,8 +2,8 @@
 
 #include <kfstab/filters/matrix.hpp>
 
-/// The products that read or write one triangle alone. They do not allocate, at any size: Eigen's own triangular
-/// products do, from 160 columns on.
+/// The products that read or write one triangle alone, and those whose terms Eigen would sum in another order for each
+/// scalar. They do not allocate, at any size: Eigen's own triangular products do, from 160 columns on.
 namespace kfstab {
 
 /// out = X L, L lower triangular (its strict upper triangle is not read).
@@ -28,6 +28,20 @@ void multiply_upper(const UType& U, const XType& X, OutType&& out) {
       for (Index i = 0; i < k; ++i) out(i, j) += U(i, k) * x;
     }
   }
+}
+
+/// out = X' Y, the terms of each entry summed from the first to the last. Eigen sums them so for any scalar but those that
+/// the machine has vectors of: there in an order of its own, and a filter of doubles would round differently from the
+/// same text in 53 bits.
+template <class XType, class YType, class OutType>
+void multiply_transposed(const XType& X, const YType& Y, OutType&& out) {
+  using Scalar = typename XType::Scalar;
+  for (Index j = 0; j < Y.cols(); ++j)
+    for (Index i = 0; i < X.cols(); ++i) {
+      Scalar sum(0);
+      for (Index k = 0; k < X.rows(); ++k) sum += X(k, i) * Y(k, j);
+      out(i, j) = sum;
+    }
 }
 
 /// Upper triangle of out += X Y', where the result is known to be symmetric; the strict lower triangle is not touched.

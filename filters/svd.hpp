@@ -121,7 +121,7 @@ class SvdFilter {
     // are at most 1, then F times that.
     for (Index j = 0; j < p; ++j)
       for (Index i = 0; i < p; ++i) V_(i, j) /= Re_sigma_(j);
-    W_.noalias() = CF_.transpose().lazyProduct(V_);
+    multiply_transposed(CF_, V_, W_);
     for (Index j = 0; j < p; ++j)
       for (Index i = 0; i < n; ++i) W_(i, j) /= Re_sigma_(j);
     KR_.noalias() = F_.lazyProduct(W_);

@@ -18,9 +18,9 @@ Matrix<double> congruence(const Matrix<double>& X, const Matrix<double>& Y) {
 
 }  // namespace
 
-FirstOrderBound::FirstOrderBound(const Metadata& metadata, Dimensions dimensions)
+FirstOrderBound::FirstOrderBound(const Metadata& metadata, Dimensions dimensions, double roundoff)
     : held_(metadata.holds), instant_(metadata.instant), gain_(metadata.gain),
-      constant_(unit_roundoff<double>() * static_cast<double>(dimensions.n + dimensions.m + dimensions.p)),
+      constant_(roundoff * static_cast<double>(dimensions.n + dimensions.m + dimensions.p)),
       W_(Matrix<double>::Zero(dimensions.n, dimensions.n)) {}
 
 double FirstOrderBound::advance(const Truth& truth) {

@@ -22,7 +22,8 @@ namespace kfstab::reference {
 /// It bounds symmetric errors. The asymmetry of a filter that does not symmetrise has its own laws: asymmetry_map.
 class FirstOrderBound {
  public:
-  FirstOrderBound(const Metadata& metadata, Dimensions dimensions);
+  /// @param roundoff  u of the numbers that the filter computes with
+  FirstOrderBound(const Metadata& metadata, Dimensions dimensions, double roundoff = unit_roundoff<double>());
 
   /// The bound of ||dP||_F / ||P||_F after the step that the truth is of; steps must be given in order from the first.
   double advance(const Truth& truth);

@@ -10,6 +10,7 @@
 
 #include <kfstab/reference/detail/dense.hpp>
 #include <kfstab/reference/error.hpp>
+#include <kfstab/reference/rounded.hpp>
 
 namespace kfstab::reference {
 namespace {
@@ -19,7 +20,8 @@ using Integers = Matrix<Integer>;
 
 constexpr double u = std::numeric_limits<double>::epsilon() / 2;
 
-void require_square(const Matrix<double>& X, const char* what) {
+template <class Number>
+void require_square(const Matrix<Number>& X, const char* what) {
   if (X.rows() != X.cols())
     throw ReferenceError(std::string(what) + " of a matrix that is not square: " + std::to_string(X.rows()) + " x " +
                          std::to_string(X.cols()));
@@ -48,12 +50,35 @@ int last_bit(double x) {
   return exponent;
 }
 
-/// x and y as integers of one scale, X(i, j) 2^(row_shift(i) + column_shift(j) + common).
-Integers integers(const Matrix<double>& X, const std::vector<int>& row_shift, const std::vector<int>& column_shift) {
+// The same of a number of any precision.
+
+Integer scaled_integer(const Rounded& x, int shift) {
+  if (x == Rounded(0)) return 0;
+  Integer result;
+  const auto bits = mpfr_get_z_2exp(result.backend().data(), x.data()) + shift;
+  if (bits >= 0)
+    result <<= static_cast<unsigned>(bits);
+  else
+    result >>= static_cast<unsigned>(-bits);
+  return result;
+}
+
+int last_bit(const Rounded& x) {
+  Integer mantissa;
+  const auto exponent = mpfr_get_z_2exp(mantissa.backend().data(), x.data());
+  return static_cast<int>(exponent) + static_cast<int>(mpz_scan1(mantissa.backend().data(), 0));
+}
+
+int leading_bit(double x) { return std::ilogb(x); }
+int leading_bit(const Rounded& x) { return static_cast<int>(mpfr_get_exp(x.data())) - 1; }
+
+/// X as integers of one scale, X(i, j) 2^(row_shift(i) + column_shift(j) + common).
+template <class Number>
+Integers integers(const Matrix<Number>& X, const std::vector<int>& row_shift, const std::vector<int>& column_shift) {
   int common = std::numeric_limits<int>::min();
   for (Index j = 0; j < X.cols(); ++j)
     for (Index i = 0; i < X.rows(); ++i)
-      if (X(i, j) != 0)
+      if (X(i, j) != Number(0))
         common = std::max(common, -(last_bit(X(i, j)) + row_shift[static_cast<std::size_t>(i)] +
                                     column_shift[static_cast<std::size_t>(j)]));
   Integers Y(X.rows(), X.cols());
@@ -66,11 +91,12 @@ Integers integers(const Matrix<double>& X, const std::vector<int>& row_shift, co
 
 /// A positive multiple of a diagonal congruence of X + X': the signature of X's symmetric part. Scaled so that the
 /// diagonal is of one size, which keeps the integers short for states of very different units.
-Integers symmetric_integers(const Matrix<double>& X) {
+template <class Number>
+Integers symmetric_integers(const Matrix<Number>& X) {
   const Index n = X.rows();
   std::vector<int> shift(static_cast<std::size_t>(n), 0);
   for (Index i = 0; i < n; ++i)
-    if (X(i, i) != 0) shift[static_cast<std::size_t>(i)] = -std::ilogb(X(i, i)) / 2;
+    if (X(i, i) != Number(0)) shift[static_cast<std::size_t>(i)] = -leading_bit(X(i, i)) / 2;
   Integers Y = integers(X, shift, shift);
   for (Index j = 0; j < n; ++j)
     for (Index i = j; i < n; ++i) {
@@ -144,7 +170,8 @@ Signature inertia(Integers X, bool semidefinite_only) {
 /// True only if the symmetric part of X is positive definite. A Cholesky factorisation that runs to its end shows
 /// X' >= -n g D D', D D' the diagonal, g = (n + 1) u / (1 - (n + 1) u) (Demmel 1989; Higham, Accuracy and Stability of
 /// Numerical Algorithms, theorem 10.5 and what follows); so taking twice as much, and the rounding of the symmetric
-/// part, off the diagonal first leaves room. Where products might underflow it does not try.
+/// part, off the diagonal first leaves room, for a rounding of the entries to double too. Where products might underflow
+/// it does not try.
 bool surely_positive_definite(const Matrix<double>& X) {
   const Index n = X.rows();
   const double margin = 2 * static_cast<double>(n + 1) * static_cast<double>(n + 4) * u;
@@ -330,13 +357,13 @@ bool eigenvalue_below(const Tridiagonal<Number>& T, const Number& x, const Numbe
 
 /// |lambda_min| of the symmetric part of X, known to be not 0, of the given sign, and at most `bound`; by bisection,
 /// first of its exponent, then of itself. Negative if it is below what Digits can resolve.
-template <unsigned Digits>
-double smallest_magnitude(const Matrix<double>& X, int sign, double bound) {
+template <unsigned Digits, class Entry>
+double smallest_magnitude(const Matrix<Entry>& X, int sign, double bound) {
   using Number = Real<Digits>;
   const Index n = X.rows();
   Matrix<Number> exact_X(n, n);
   for (Index j = 0; j < n; ++j)
-    for (Index i = 0; i < n; ++i) exact_X(i, j) = (Number(X(i, j)) + Number(X(j, i))) / 2;
+    for (Index i = 0; i < n; ++i) exact_X(i, j) = (exact<Number>(X(i, j)) + exact<Number>(X(j, i))) / 2;
   const Number size = detail::frobenius(exact_X);
   const Number floor = size * detail::power_of_ten<Number>(15 - static_cast<int>(Digits));
   const Number tiny = size * detail::power_of_ten<Number>(-2 * static_cast<int>(Digits));
@@ -372,6 +399,45 @@ double smallest_squared_singular_value(const Matrix<double>& S) {
   return round_to_double(Number(1 / Number(norm * norm)));
 }
 
+/// X rounded to double, and whether that is X itself.
+Matrix<double> round_to_double(const Matrix<Rounded>& X, bool& same) {
+  Matrix<double> Y(X.rows(), X.cols());
+  same = true;
+  for (Index j = 0; j < X.cols(); ++j)
+    for (Index i = 0; i < X.rows(); ++i) {
+      Y(i, j) = static_cast<double>(X(i, j));
+      same = same && mpfr_cmp_d(X(i, j).data(), Y(i, j)) == 0;
+    }
+  return Y;
+}
+
+/// Of X, which `nearly` is rounded to double.
+template <unsigned Digits, class Number>
+double smallest_eigenvalue_of(const Matrix<Number>& X, const Matrix<double>& nearly) {
+  require_square(X, "smallest eigenvalue");
+  if (X.rows() == 0) return std::numeric_limits<double>::infinity();
+  if (!all_finite(nearly)) return std::numeric_limits<double>::quiet_NaN();
+  Matrix<double> H = symmetric_part(nearly);
+  const int exponent = scale_to_one(H);
+  const Vector<double> eigenvalues = Spectrum(std::move(H)).values;
+  const double smallest = eigenvalues.minCoeff();
+  const double size = eigenvalues.cwiseAbs().maxCoeff();
+  // Backward error of the solver, a modest multiple of n u ||X||, against three digits.
+  const double doubt = 1e4 * static_cast<double>(X.rows() + 4) * u * size;
+  if (std::abs(smallest) > doubt) return std::ldexp(smallest, exponent);
+
+  int sign = 1;
+  if (!is_positive_semidefinite(X))
+    sign = -1;
+  else if (!is_positive_definite(X))
+    return 0;
+  const double bound = std::max(std::ldexp(2 * doubt, exponent), std::numeric_limits<double>::min());
+  double magnitude = smallest_magnitude<Digits>(X, sign, bound);
+  if (magnitude < 0) magnitude = smallest_magnitude<800>(X, sign, bound);
+  if (magnitude < 0) throw ReferenceError("smallest eigenvalue below 1e-785 of the largest: out of reach");
+  return sign * magnitude;
+}
+
 }  // namespace
 
 Signature signature(const Matrix<double>& X) {
@@ -396,29 +462,30 @@ bool is_positive_definite(const Matrix<double>& X) {
   return inertia(symmetric_integers(X), true).positive == X.rows();
 }
 
-double smallest_eigenvalue(const Matrix<double>& X) {
-  require_square(X, "smallest eigenvalue");
-  if (X.rows() == 0) return std::numeric_limits<double>::infinity();
-  if (!all_finite(X)) return std::numeric_limits<double>::quiet_NaN();
-  Matrix<double> H = symmetric_part(X);
-  const int exponent = scale_to_one(H);
-  const Vector<double> eigenvalues = Spectrum(std::move(H)).values;
-  const double smallest = eigenvalues.minCoeff();
-  const double size = eigenvalues.cwiseAbs().maxCoeff();
-  // Backward error of the solver, a modest multiple of n u ||X||, against three digits.
-  const double doubt = 1e4 * static_cast<double>(X.rows() + 4) * u * size;
-  if (std::abs(smallest) > doubt) return std::ldexp(smallest, exponent);
+bool is_positive_semidefinite(const Matrix<Rounded>& X) {
+  require_square(X, "definiteness");
+  if (!all_finite(X)) return false;
+  bool same = true;
+  const Matrix<double> nearly = round_to_double(X, same);
+  if (same) return is_positive_semidefinite(nearly);
+  return surely_positive_definite(nearly) || inertia(symmetric_integers(X), true).negative == 0;
+}
 
-  int sign = 1;
-  if (!is_positive_semidefinite(X))
-    sign = -1;
-  else if (!is_positive_definite(X))
-    return 0;
-  const double bound = std::max(std::ldexp(2 * doubt, exponent), std::numeric_limits<double>::min());
-  double magnitude = smallest_magnitude<50>(X, sign, bound);
-  if (magnitude < 0) magnitude = smallest_magnitude<800>(X, sign, bound);
-  if (magnitude < 0) throw ReferenceError("smallest eigenvalue below 1e-785 of the largest: out of reach");
-  return sign * magnitude;
+bool is_positive_definite(const Matrix<Rounded>& X) {
+  require_square(X, "definiteness");
+  if (!all_finite(X)) return false;
+  bool same = true;
+  const Matrix<double> nearly = round_to_double(X, same);
+  if (same) return is_positive_definite(nearly);
+  return surely_positive_definite(nearly) || inertia(symmetric_integers(X), true).positive == X.rows();
+}
+
+double smallest_eigenvalue(const Matrix<double>& X) { return smallest_eigenvalue_of<50>(X, X); }
+
+double smallest_eigenvalue(const Matrix<Rounded>& X) {
+  bool same = true;
+  const Matrix<double> nearly = round_to_double(X, same);
+  return same ? smallest_eigenvalue(nearly) : smallest_eigenvalue_of<100>(X, nearly);
 }
 
 double smallest_eigenvalue_of_product(const Matrix<double>& S) {

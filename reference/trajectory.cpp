@@ -7,6 +7,7 @@
 
 #include <kfstab/reference/detail/check.hpp>
 #include <kfstab/reference/detail/lockstep.hpp>
+#include <kfstab/reference/rounded.hpp>
 
 namespace kfstab::reference {
 namespace {
@@ -129,9 +130,12 @@ std::vector<std::vector<std::string>> Trajectory::decimals(Quantity quantity, in
   return implementation_->lockstep->decimals(quantity, most_digits);
 }
 
-Errors Trajectory::measure(const Metadata& metadata, const Step<double>& step) const {
+template <class Scalar>
+Errors Trajectory::measure(const Metadata& metadata, const Step<Scalar>& step) const {
   return implementation_->lockstep->measure(metadata, step);
 }
+template Errors Trajectory::measure(const Metadata& metadata, const Step<double>& step) const;
+template Errors Trajectory::measure(const Metadata& metadata, const Step<Rounded>& step) const;
 
 Matrix<double> Trajectory::entry_errors(const Metadata& metadata, const Step<double>& step) const {
   return implementation_->lockstep->entry_errors(metadata, step);

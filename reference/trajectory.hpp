@@ -72,7 +72,7 @@ struct Errors {
   double asymmetry;            ///< ||P^ - P^'||_F / (2 ||P||_F); 0 for a factor
   double smallest_eigenvalue;  ///< of the symmetric part of P^, with several digits right even when far below u ||P||
   bool positive_semidefinite;  ///< of the symmetric part of P^, decided exactly; always so for finite factors
-  double correct_digits;       ///< -log10(covariance), within [0, 15.95]; 0 if that is NaN
+  double correct_digits;       ///< -log10(covariance), at least 0, at most what the word holds (15.95); 0 if that is NaN
 };
 
 /// What a trajectory has beyond the 16 digits of Truth, and certifies. In the notation there.
@@ -150,8 +150,9 @@ class Trajectory {
   /// Decimal digits of the run that the truth is read from.
   int working_digits() const;
 
-  /// Of a filter that has just done step k() of the same problem.
-  Errors measure(const Metadata& metadata, const Step<double>& step) const;
+  /// Of a filter that has just done step k() of the same problem, in double or in Rounded (rounded.hpp).
+  template <class Scalar = double>
+  Errors measure(const Metadata& metadata, const Step<Scalar>& step) const;
   /// |p^_ij - p_ij| / sqrt(p_ii p_jj), n x n, of which Errors::entrywise is the largest; 0 in the rows and columns that it
   /// leaves out. Empty for a filter that holds no P, or a P that is not finite.
   Matrix<double> entry_errors(const Metadata& metadata, const Step<double>& step) const;

@@ -44,6 +44,33 @@ struct ReferenceArguments {
 };
 int reference_command(const ReferenceArguments& arguments);
 
+struct CompareArguments {
+  std::string system;
+  std::string filters;
+  std::vector<std::string> scans;
+  std::optional<std::int64_t> steps;
+  std::optional<std::uint64_t> seed;
+  double accurate = 3;
+  int jobs = 0;
+  SetArguments set;
+  std::string out;
+  std::string json;
+  Rendering rendering;
+};
+int compare_command(const CompareArguments& arguments);
+
+struct ExplainArguments {
+  std::string subject;  ///< a system, or a results.json of `run` or its folder
+  std::string filters;
+  std::optional<std::int64_t> steps;
+  std::optional<std::uint64_t> seed;
+  SetArguments set;
+  std::string out;
+  std::string json;
+  Rendering rendering;
+};
+int explain_command(const ExplainArguments& arguments);
+
 struct ClaimArguments {
   std::string claims;
   SetArguments set;

@@ -102,6 +102,55 @@ int command_line(int argc, char** argv) {
     exit_code = run_command(run);
   });
 
+  CompareArguments comparison;
+  auto* compare_app = add_command("compare", "Filters side by side on one system, over whatever is made to vary, and which to take");
+  compare_app->add_option("SYSTEM", comparison.system, "a name that `list systems` prints, or a file (.toml, .json)")->required();
+  compare_app->add_option("--filters", comparison.filters, "regular expression on filter ids; a leading - excludes")
+      ->envname("KFSTAB_FILTERS")->type_name("REGEX");
+  compare_app
+      ->add_option("--scan", comparison.scans,
+                   "twice at most; NAME one of [parameters], an entry R[0,0], scale:Q or bits;\n"
+                   "VALUES 24,53,64 or from:to:log:count or from:to:lin:count")
+      ->envname("KFSTAB_SCAN")->type_name("NAME=VALUES")->take_all()->expected(1);
+  compare_app->add_option("--steps", comparison.steps, "steps to run, instead of the system's own")
+      ->envname("KFSTAB_STEPS")->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 53).description(""));
+  compare_app->add_option("--seed", comparison.seed, "seed of simulated data, instead of the system's own")->envname("KFSTAB_SEED");
+  compare_app->add_option("--accurate", comparison.accurate, "digits of P and K from which on a word is long enough")
+      ->envname("KFSTAB_ACCURATE")->check(CLI::Range(0.0, 70.0).description(""))->capture_default_str();
+  compare_app->add_option("--jobs", comparison.jobs, "points at once; 0: one a core")
+      ->envname("KFSTAB_JOBS")->check(CLI::Range(0, 1024).description(""))->capture_default_str();
+  add_set(compare_app, "value of one of the system's [parameters]");
+  compare_app->add_option("--out", comparison.out, "folder for the results; else ./kfstab-out/compare-SYSTEM")
+      ->envname("KFSTAB_OUT")->type_name("DIR");
+  compare_app->add_option("--json", comparison.json, "the results as JSON into this file too; - for stdout, and nothing else there")
+      ->envname("KFSTAB_JSON")->type_name("FILE");
+  add_rendering(compare_app);
+  compare_app->callback([&] {
+    comparison.set = split(set);
+    comparison.rendering = rendering_of(formats, medium);
+    exit_code = compare_command(comparison);
+  });
+
+  ExplainArguments explanation;
+  auto* explain_app = add_command("explain", "Where the digits went: steps, entries, cancellations");
+  explain_app->add_option("SYSTEM|RESULTS", explanation.subject, "a system as `run` takes it, or the results.json of a run, or its folder")->required();
+  explain_app->add_option("--filters", explanation.filters, "regular expression on filter ids; a leading - excludes")
+      ->envname("KFSTAB_FILTERS")->type_name("REGEX");
+  explain_app->add_option("--steps", explanation.steps, "steps to run, instead of the system's own")
+      ->envname("KFSTAB_STEPS")->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 53).description(""));
+  explain_app->add_option("--seed", explanation.seed, "seed of simulated data, instead of the system's own")->envname("KFSTAB_SEED");
+  add_set(explain_app, "value of one of the system's [parameters]");
+  explain_app->add_option("--out", explanation.out, "folder for the results; else ./kfstab-out/explain-SYSTEM")
+      ->envname("KFSTAB_OUT")->type_name("DIR");
+  explain_app->add_option("--json", explanation.json, "the results as JSON into this file too; - for stdout, and nothing else there")
+      ->envname("KFSTAB_JSON")->type_name("FILE");
+  add_rendering(explain_app);
+  explain_app->callback([&] {
+    explanation.set = split(set);
+    explanation.rendering = rendering_of(formats, medium);
+    exit_code = explain_command(explanation);
+  });
+
   ReferenceArguments reference;
   auto* reference_app =
       add_command("reference", "Print what is true of a system, to certified digits, for others to test against");

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include <kfstab/reference/rational.hpp>
+#include <kfstab/reference/rounded.hpp>
 #include <kfstab/reference/trajectory.hpp>
 
 namespace kfstab::reference::detail {
@@ -37,6 +38,7 @@ class Lockstep {
   virtual const std::string& why() const = 0;
   virtual void round_into(Truth& truth) const = 0;
   virtual Errors measure(const Metadata& metadata, const Step<double>& step) const = 0;
+  virtual Errors measure(const Metadata& metadata, const Step<Rounded>& step) const = 0;
   virtual Matrix<double> entry_errors(const Metadata& metadata, const Step<double>& step) const = 0;
   virtual std::vector<Matrix<double>> expansion(Quantity quantity, int terms) const = 0;
   virtual std::vector<std::vector<std::string>> decimals(Quantity quantity, int most_digits) const = 0;

@@ -9,6 +9,7 @@
 #include <kfstab/reference/detail/decimal.hpp>
 #include <kfstab/reference/detail/lockstep.hpp>
 #include <kfstab/reference/detail/recursion.hpp>
+#include <kfstab/reference/rounded.hpp>
 
 namespace kfstab::reference::detail {
 
@@ -70,60 +71,10 @@ class LockstepOf final : public Lockstep {
   }
 
   Errors measure(const Metadata& metadata, const Step<double>& step) const override {
-    constexpr double nan = std::numeric_limits<double>::quiet_NaN(), infinity = std::numeric_limits<double>::infinity();
-    Errors errors{nan, nan, nan, nan, nan, nan, nan, false, 0};
-    const bool filtered = metadata.instant == Instant::filtered;
-    if (step.gain) {
-      const bool predictor = metadata.gain == GainKind::predictor;
-      errors.gain = predictor ? relative_error(*step.gain, high_.K, K_is_zero_)
-                              : relative_error(*step.gain, high_.Kf, Kf_is_zero_);
-    }
-    if (step.state && high_.x_next.size() > 0)
-      errors.state = filtered ? relative_error(*step.state, high_.x_filtered, x_filtered_is_zero_)
-                              : relative_error(*step.state, high_.x_next, x_next_is_zero_);
-    if (!step.held) return errors;
-    const Matrix<double> held = read_part(metadata.holds, *step.held);
-    if (!all_finite(held)) return errors;
-    const auto X = covariance(metadata.holds, held);
-    if (X) {
-      measure_covariance(*X, filtered, errors);
-    } else {
-      errors.covariance = errors.entrywise = infinity;
-    }
-    errors.asymmetry = 0;
-    errors.positive_semidefinite = true;
-    switch (metadata.holds) {
-      case Held::covariance:
-        errors.asymmetry = ratio(H(frobenius_distance(*X, transposed(*X)) / 2), H(frobenius(truth_of(filtered))));
-        errors.smallest_eigenvalue = smallest_eigenvalue(held);
-        errors.positive_semidefinite = is_positive_semidefinite(held);
-        break;
-      case Held::covariance_factor: errors.smallest_eigenvalue = smallest_eigenvalue_of_product(held); break;
-      case Held::covariance_root: {
-        Matrix<H> inverse;
-        errors.smallest_eigenvalue = invert(exact<H>(held), inverse) ? least_eigenvalue(inverse) : 0;
-        break;
-      }
-      case Held::ud_factors: measure_signs(held, *X, errors); break;
-      case Held::information: {
-        const Matrix<H> Y = exact<H>(held);
-        if (X) errors.smallest_eigenvalue = smallest_eigenvalue(round_to_double(*X));
-        if (information_ && filtered) errors.information = ratio(frobenius_distance(Y, high_.Y), frobenius(high_.Y));
-        errors.asymmetry = ratio(H(frobenius_distance(Y, transposed(Y)) / 2), H(frobenius(Y)));
-        errors.positive_semidefinite = is_positive_definite(held);
-        break;
-      }
-      case Held::information_factor: {
-        const Matrix<H> T_transposed = exact<H>(held);
-        if (information_ && filtered)
-          errors.information =
-              ratio(frobenius_distance(symmetric_product(T_transposed, T_transposed), high_.Y), frobenius(high_.Y));
-        errors.smallest_eigenvalue = least_eigenvalue(T_transposed);
-        break;
-      }
-      case Held::gain: break;
-    }
-    return errors;
+    return measure_step(metadata, step);
+  }
+  Errors measure(const Metadata& metadata, const Step<Rounded>& step) const override {
+    return measure_step(metadata, step);
   }
 
   Matrix<double> entry_errors(const Metadata& metadata, const Step<double>& step) const override {
@@ -174,6 +125,64 @@ class LockstepOf final : public Lockstep {
   int higher_digits() const override { return static_cast<int>(High); }
 
  private:
+  template <class Number>
+  Errors measure_step(const Metadata& metadata, const Step<Number>& step) const {
+    constexpr double nan = std::numeric_limits<double>::quiet_NaN(), infinity = std::numeric_limits<double>::infinity();
+    Errors errors{nan, nan, nan, nan, nan, nan, nan, false, 0};
+    const bool filtered = metadata.instant == Instant::filtered;
+    if (step.gain) {
+      const bool predictor = metadata.gain == GainKind::predictor;
+      errors.gain = predictor ? relative_error(*step.gain, high_.K, K_is_zero_)
+                              : relative_error(*step.gain, high_.Kf, Kf_is_zero_);
+    }
+    if (step.state && high_.x_next.size() > 0)
+      errors.state = filtered ? relative_error(*step.state, high_.x_filtered, x_filtered_is_zero_)
+                              : relative_error(*step.state, high_.x_next, x_next_is_zero_);
+    if (!step.held) return errors;
+    const Matrix<Number> held = read_part(metadata.holds, *step.held);
+    if (!all_finite(held)) return errors;
+    const auto X = covariance(metadata.holds, held);
+    if (X) {
+      measure_covariance(*X, filtered, precision(held), errors);
+    } else {
+      errors.covariance = errors.entrywise = infinity;
+    }
+    errors.asymmetry = 0;
+    errors.positive_semidefinite = true;
+    switch (metadata.holds) {
+      case Held::covariance:
+        errors.asymmetry = ratio(H(frobenius_distance(*X, transposed(*X)) / 2), H(frobenius(truth_of(filtered))));
+        errors.smallest_eigenvalue = smallest_eigenvalue(held);
+        errors.positive_semidefinite = is_positive_semidefinite(held);
+        break;
+      case Held::covariance_factor: errors.smallest_eigenvalue = least_eigenvalue_of_product(held); break;
+      case Held::covariance_root: {
+        Matrix<H> inverse;
+        errors.smallest_eigenvalue = invert(exact<H>(held), inverse) ? least_eigenvalue(inverse) : 0;
+        break;
+      }
+      case Held::ud_factors: measure_signs(held, *X, errors); break;
+      case Held::information: {
+        const Matrix<H> Y = exact<H>(held);
+        if (X) errors.smallest_eigenvalue = smallest_eigenvalue(round_to_double(*X));
+        if (information_ && filtered) errors.information = ratio(frobenius_distance(Y, high_.Y), frobenius(high_.Y));
+        errors.asymmetry = ratio(H(frobenius_distance(Y, transposed(Y)) / 2), H(frobenius(Y)));
+        errors.positive_semidefinite = is_positive_definite(held);
+        break;
+      }
+      case Held::information_factor: {
+        const Matrix<H> T_transposed = exact<H>(held);
+        if (information_ && filtered)
+          errors.information =
+              ratio(frobenius_distance(symmetric_product(T_transposed, T_transposed), high_.Y), frobenius(high_.Y));
+        errors.smallest_eigenvalue = least_eigenvalue(T_transposed);
+        break;
+      }
+      case Held::gain: break;
+    }
+    return errors;
+  }
+
   bool broken_down(const typename Witness::End& low_end, const typename TruthRun::End& high_end) {
     const std::string step = "step " + std::to_string(high_.k()) + ": ";
     if (!low_end.done && !high_end.done && !low_end.no_information && !high_end.no_information) {
@@ -250,8 +259,8 @@ class LockstepOf final : public Lockstep {
                            ", expected " + std::to_string(truth.rows()) + " x " + std::to_string(truth.cols()));
   }
 
-  template <int Cols>
-  static double relative_error(const Matrix<double, Dynamic, Cols>& computed, const Matrix<H, Dynamic, Cols>& truth,
+  template <class Number, int Cols>
+  static double relative_error(const Matrix<Number, Dynamic, Cols>& computed, const Matrix<H, Dynamic, Cols>& truth,
                                bool truth_is_zero) {
     check_shape(computed.rows(), computed.cols(), truth, Cols == 1 ? "the filter's state" : "the filter's gain");
     if (!all_finite(computed)) return std::numeric_limits<double>::quiet_NaN();
@@ -263,22 +272,21 @@ class LockstepOf final : public Lockstep {
   const Matrix<H>& truth_of(bool filtered) const { return filtered ? high_.P_filtered : high_.P_next; }
 
   /// Of what is held, the triangle that counts and zeros: lower S and T', upper U D.
-  Matrix<double> read_part(Held holds, const Matrix<double>& held) const {
+  template <class Number>
+  Matrix<Number> read_part(Held holds, const Matrix<Number>& held) const {
     check_shape(held.rows(), held.cols(), high_.P_next, "what the filter holds");
-    switch (holds) {
-      case Held::covariance_factor: return held.triangularView<Eigen::Lower>();
-      case Held::information_factor: return held.transpose().triangularView<Eigen::Lower>();
-      case Held::ud_factors: return held.triangularView<Eigen::Upper>();
-      case Held::covariance:
-      case Held::covariance_root:
-      case Held::information:
-      case Held::gain: break;
-    }
-    return held;
+    const bool lower = holds == Held::covariance_factor, upper = holds == Held::ud_factors,
+               transpose = holds == Held::information_factor;
+    Matrix<Number> part = transpose ? Matrix<Number>(held.transpose()) : held;
+    for (Index j = 0; j < part.cols(); ++j)
+      for (Index i = 0; i < part.rows(); ++i)
+        if (i < j ? lower || transpose : i > j && upper) part(i, j) = 0;
+    return part;
   }
 
   /// The P that is meant, formed in H from the exact numbers; nothing where it is infinite.
-  std::optional<Matrix<H>> covariance(Held holds, const Matrix<double>& held) const {
+  template <class Number>
+  std::optional<Matrix<H>> covariance(Held holds, const Matrix<Number>& held) const {
     Matrix<H> X = exact<H>(held);
     switch (holds) {
       case Held::covariance: return X;
@@ -288,12 +296,12 @@ class LockstepOf final : public Lockstep {
         Matrix<H> X_D = X;
         for (Index j = 0; j < X.cols(); ++j) {
           X(j, j) = 1;
-          for (Index i = 0; i < j; ++i) X_D(i, j) = X(i, j) * held(j, j);
+          for (Index i = 0; i < j; ++i) X_D(i, j) = X(i, j) * X_D(j, j);
         }
         return symmetric_product(X_D, X);
       }
       case Held::information_factor:
-        if ((held.diagonal().array() == 0).any()) return {};
+        if (has_zero_on_diagonal(X)) return {};
         return covariance_of_information_root(X);
       case Held::information: {
         Matrix<H> inverse;
@@ -305,6 +313,22 @@ class LockstepOf final : public Lockstep {
     return {};
   }
 
+  static bool has_zero_on_diagonal(const Matrix<H>& X) {
+    for (Index i = 0; i < X.rows(); ++i)
+      if (X(i, i) == 0) return true;
+    return false;
+  }
+
+  static double least_eigenvalue_of_product(const Matrix<double>& S) { return smallest_eigenvalue_of_product(S); }
+  static double least_eigenvalue_of_product(const Matrix<Rounded>& S) {
+    const Matrix<H> L = exact<H>(S);
+    return has_zero_on_diagonal(L) ? 0 : least_eigenvalue(lower_inverse(L));
+  }
+
+  /// Bits of what the filter computes in.
+  static int precision(const Matrix<double>&) { return std::numeric_limits<double>::digits; }
+  static int precision(const Matrix<Rounded>& held) { return held.size() > 0 ? held(0, 0).precision() : 0; }
+
   /// 1 / ||X||_2^2: of X X' inverted, or X'X.
   static double least_eigenvalue(const Matrix<H>& X) {
     if (X.size() == 0) return std::numeric_limits<double>::infinity();
@@ -313,14 +337,20 @@ class LockstepOf final : public Lockstep {
   }
 
   /// The signs of D are those of P = U D U', by Sylvester's law.
-  static void measure_signs(const Matrix<double>& UD, const Matrix<H>& X, Errors& errors) {
+  template <class Number>
+  static void measure_signs(const Matrix<Number>& held, const Matrix<H>& X, Errors& errors) {
+    const Matrix<H> UD = exact<H>(held);
     const Index n = UD.rows();
-    errors.positive_semidefinite = (UD.diagonal().array() >= 0).all();
-    if ((UD.diagonal().array() > 0).all()) {
+    bool positive = true;
+    for (Index i = 0; i < n; ++i) {
+      errors.positive_semidefinite = errors.positive_semidefinite && UD(i, i) >= 0;
+      positive = positive && UD(i, i) > 0;
+    }
+    if (positive) {
       // P = (U D^{1/2}) (U D^{1/2})', and the inverse of that root is as robust as any triangle's.
       Matrix<H> root_transposed = zeros<H>(n, n);
       for (Index j = 0; j < n; ++j) {
-        const H d = sqrt(H(UD(j, j)));
+        const H d = sqrt(UD(j, j));
         for (Index i = 0; i < j; ++i) root_transposed(j, i) = d * UD(i, j);
         root_transposed(j, j) = d;
       }
@@ -344,10 +374,10 @@ class LockstepOf final : public Lockstep {
     return deviation;
   }
 
-  void measure_covariance(const Matrix<H>& X, bool filtered, Errors& errors) const {
+  void measure_covariance(const Matrix<H>& X, bool filtered, int bits, Errors& errors) const {
     const Matrix<H>& P = truth_of(filtered);
     errors.covariance = ratio(frobenius_distance(X, P), frobenius(P));
-    const double most = 53 * std::log10(2.0);
+    const double most = bits * std::log10(2.0);
     errors.correct_digits = errors.covariance > 0 ? std::clamp(-std::log10(errors.covariance), 0.0, most) : most;
     const Vector<H> deviation = deviations(filtered);
     errors.entrywise = 0;

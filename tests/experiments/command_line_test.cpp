@@ -754,3 +754,99 @@ TEST_F(Tool, FormatAndMediumHaveTheirTwinsInTheEnvironment) {
   EXPECT_NE(outcome.err.find("no report.pdf: chromium was not found"), std::string::npos) << outcome.err;
   EXPECT_NE(read(here / "out" / "local-level-asymmetry.gp").find("size 960,540"), std::string::npos);
 }
+
+TEST_F(Tool, ComparesOverAScanAndRecommends) {
+  const Outcome outcome = run({"compare", "dyer-mcreynolds", "--filters", "^(ckf|joseph|srcf)$", "--scan",
+                               "d=2^-28:2^-8:log:3", "--out", "out", "--json", "-"});
+  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+  const json root = json::parse(outcome.out);
+  EXPECT_EQ(root["schema"], "kfstab.compare/1");
+  EXPECT_EQ(root, results());
+  EXPECT_EQ(root["points"].size(), 3u);
+  EXPECT_EQ(root["recommendation"]["filter"], "srcf");
+  EXPECT_NE(outcome.err.find("Take srcf"), std::string::npos) << outcome.err;
+  EXPECT_NE(outcome.err.find("sound at"), std::string::npos) << outcome.err;
+  EXPECT_TRUE(fs::exists(here / "out/scan-covariance.csv"));
+  EXPECT_NE(read(here / "out/index.html").find("Take srcf"), std::string::npos);
+}
+
+TEST_F(Tool, ComparesOverTwoScansWithBitsAmongThem) {
+  const Outcome outcome = run({"compare", "double-integrator", "--steps", "20", "--filters", "^(ckf|srcf)$", "--scan", "bits=12,24",
+                               "--scan", "scale:R=1,4", "--set", "q=0.5", "--out", "out", "--jobs", "1"});
+  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+  const json root = results();
+  ASSERT_EQ(root["points"].size(), 4u);
+  EXPECT_EQ(root["system"]["parameters"]["q"], 0.5);
+  EXPECT_EQ(root["points"][1]["bits"], 12);
+  EXPECT_EQ(root["points"][1]["at"]["scale:R"], 4);
+  EXPECT_NE(outcome.out.find("Words: "), std::string::npos) << outcome.out;
+  EXPECT_TRUE(fs::exists(here / "out/scan-gain-1.csv"));
+}
+
+TEST_F(Tool, ComparesWithoutAScan) {
+  const Outcome outcome = run({"compare", "local-level", "--filters", "^(ckf|srcf)$", "--out", "out"});
+  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_NE(outcome.out.find("Take ckf"), std::string::npos) << outcome.out;
+  EXPECT_EQ(results()["points"].size(), 0u);
+  EXPECT_TRUE(fs::exists(here / "out/local-level-covariance-error.csv"));
+}
+
+TEST_F(Tool, CompareRefusesRubbish) {
+  const std::vector<std::vector<std::string>> rubbish = {
+      {"--scan", "d"},
+      {"--scan", "d=1:2:log"},
+      {"--scan", "unknown=1,2"},
+      {"--scan", "R[7,7]=1,2"},
+      {"--scan", "R[0,1]=1,2"},
+      {"--scan", "bits=2,3"},
+      {"--scan", "d=1,2", "--scan", "d=1,2"},
+      {"--scan", "d=1,2", "--scan", "bits=24,53", "--scan", "scale:R=1,2"},
+      {"--scan", "d=1:2:lin:1000", "--scan", "scale:R=1:2:lin:1000"},
+      {"--accurate", "-1"},
+      {"--steps", "0"},
+  };
+  for (const auto& arguments : rubbish) {
+    std::vector<std::string> all = {"compare", "dyer-mcreynolds", "--filters", "^ckf$", "--out", "out"};
+    all.insert(all.end(), arguments.begin(), arguments.end());
+    const Outcome outcome = run(all);
+    EXPECT_EQ(outcome.exit_code, 2) << arguments[1] << ": " << outcome.err;
+    EXPECT_EQ(outcome.err.find("kfstab: "), 0u) << outcome.err;
+    EXPECT_EQ(outcome.out, "");
+    EXPECT_FALSE(fs::exists(here / "out"));
+  }
+}
+
+TEST_F(Tool, AnInterruptedComparisonKeepsThePointsDone) {
+  const Outcome outcome = run({.arguments = {"compare", "double-integrator", "--filters", "^ckf$", "--scan", "q=1:2:lin:1000",
+                                             "--jobs", "1", "--out", "out"},
+                               .interrupt_after = 1.5});
+  EXPECT_EQ(outcome.exit_code, 130) << outcome.err;
+  EXPECT_NE(outcome.err.find("interrupted; the points done are written"), std::string::npos) << outcome.err;
+  const json root = results();
+  EXPECT_EQ(root["interrupted"], true);
+  EXPECT_LT(root["points"].size(), 1000u);
+}
+
+TEST_F(Tool, ExplainsASystemAndAStoredRun) {
+  const Outcome live = run({"explain", "dyer-mcreynolds", "--filters", "^(ckf|srcf)$", "--out", "live"});
+  EXPECT_EQ(live.exit_code, 0) << live.err;
+  EXPECT_NE(live.out.find("ckf loses "), std::string::npos) << live.out;
+  EXPECT_NE(live.out.find("entry of P that is most wrong"), std::string::npos) << live.out;
+  const json explained = results("live");
+  EXPECT_EQ(explained["schema"], "kfstab.explain/1");
+  EXPECT_EQ(explained["systems"][0]["filters"][0]["entry_errors"].size(), 3u);
+  EXPECT_TRUE(fs::exists(here / "live/system-1-entries-1.csv"));
+
+  ASSERT_EQ(run({"run", "dyer-mcreynolds", "--filters", "^(ckf|srcf|joseph)$", "--out", "run"}).exit_code, 0);
+  const Outcome stored = run({"explain", "run/results.json", "--filters", "^(ckf|srcf)$", "--out", "stored"});
+  EXPECT_EQ(stored.exit_code, 0) << stored.err;
+  const json again = results("stored");
+  ASSERT_EQ(again["systems"][0]["filters"].size(), 2u);
+  EXPECT_EQ(again["systems"][0]["filters"][0]["losses"], explained["systems"][0]["filters"][0]["losses"]);
+
+  EXPECT_EQ(run({"explain", "run/results.json", "--filters", "^ud$"}).exit_code, 5);
+  EXPECT_EQ(run({"explain", "run/results.json", "--set", "d=1"}).exit_code, 2);
+  EXPECT_EQ(run({"explain", "live/results.json"}).exit_code, 2);
+  put(here / "broken.json", "{");
+  EXPECT_EQ(run({"explain", "broken.json"}).exit_code, 2);
+}

@@ -374,3 +374,32 @@ TEST(Run, ProblemsOfDifferentNumbersDoNot) {
   EXPECT_EQ(run_text(benign, "^(ckf|joseph|srcf)$").trajectories, 2);
   EXPECT_EQ(run_text(benign, "^(ckf|joseph)$").trajectories, 1);
 }
+
+// Errors are of the size of the word's roundoff, below the bound for that roundoff, and of the size of nothing smaller.
+TEST(Run, FiltersMayHaveAnyNumberOfBits) {
+  const auto system = system_of_text(benign);
+  for (const int bits : {16, 24, 80}) {
+    const SystemRun result = run(system, select_filters(symmetric), {.bits = bits});
+    EXPECT_FALSE(result.reference_error);
+    for (const FilterRun& f : result.filters) {
+      SCOPED_TRACE(std::string(f.metadata->id) + " at " + std::to_string(bits));
+      EXPECT_EQ(f.covariance_error.count(), 60);
+      EXPECT_LE(f.covariance_error.largest(), f.bound.largest());
+      EXPECT_GT(f.covariance_error.largest(), std::ldexp(1, -bits - 8));
+      EXPECT_FALSE(f.first_indefinite);
+      EXPECT_TRUE(std::isnan(f.seconds_per_step)) << "the time of a simulated word says nothing";
+    }
+  }
+}
+
+TEST(Run, StepsMayBeObserved) {
+  std::int64_t seen = 0;
+  const SystemRun result = run(system_of_text(benign), select_filters("^(ckf|srcf)$"),
+                               {.timed = false, .observe = [&](const Observation& now) {
+                                  ++seen;
+                                  EXPECT_EQ(now.truth.k(), now.k);
+                                  EXPECT_TRUE(now.step.held && now.errors.covariance >= 0);
+                                }});
+  EXPECT_EQ(seen, 2 * result.steps_done);
+  EXPECT_TRUE(std::isnan(result.filters[0].seconds_per_step));
+}

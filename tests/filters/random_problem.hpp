@@ -48,63 +48,10 @@ bool applies(const Metadata& filter, const Case& c);
 /// is, not A), so that no conversion rounds.
 AnyProblem<double> random_problem(Parametrisation takes, const Case& c, std::uint64_t seed);
 
-/// The same matrix in another scalar; exact where its numbers are.
-template <class To, int Columns>
-Matrix<To, Dynamic, Columns> cast(const Matrix<double, Dynamic, Columns>& from) {
-  Matrix<To, Dynamic, Columns> to(from.rows(), from.cols());
-  for (Index j = 0; j < from.cols(); ++j)
-    for (Index i = 0; i < from.rows(); ++i) to(i, j) = To(from(i, j));
-  return to;
-}
-
-template <class To>
-CovarianceModel<To> cast(const CovarianceModel<double>& from) {
-  CovarianceModel<To> to;
-  to.A = cast<To>(from.A);
-  to.B = cast<To>(from.B);
-  to.C = cast<To>(from.C);
-  to.D = cast<To>(from.D);
-  to.Q = cast<To>(from.Q);
-  to.R = cast<To>(from.R);
-  return to;
-}
-
-template <class To>
-RootModel<To> cast(const RootModel<double>& from) {
-  RootModel<To> to;
-  to.A = cast<To>(from.A);
-  to.B = cast<To>(from.B);
-  to.C = cast<To>(from.C);
-  to.D = cast<To>(from.D);
-  to.Q_root = cast<To>(from.Q_root);
-  to.R_root = cast<To>(from.R_root);
-  return to;
-}
-
-template <class To>
-InformationModel<To> cast(const InformationModel<double>& from) {
-  InformationModel<To> to;
-  to.A_inverse = cast<To>(from.A_inverse);
-  to.A_inverse_B = cast<To>(from.A_inverse_B);
-  to.C = cast<To>(from.C);
-  to.D = cast<To>(from.D);
-  to.Q_inverse_root = cast<To>(from.Q_inverse_root);
-  to.R_inverse_root = cast<To>(from.R_inverse_root);
-  to.w_mean = cast<To>(from.w_mean);
-  return to;
-}
-
-template <class To>
-AnyProblem<To> cast(const AnyProblem<double>& from) {
-  return std::visit(
-      [](const auto& problem) -> AnyProblem<To> {
-        Problem<decltype(cast<To>(problem.models.front()))> to;
-        for (const auto& model : problem.models) to.models.push_back(cast<To>(model));
-        to.initial = cast<To>(problem.initial);
-        to.x0 = cast<To>(problem.x0);
-        return to;
-      },
-      from);
+/// The same matrix or problem in another scalar; exact where its numbers are.
+template <class To, class From>
+auto cast(const From& from) {
+  return convert(from, [](double x) { return To(x); });
 }
 
 }  // namespace kfstab::test
