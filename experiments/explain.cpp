@@ -145,9 +145,9 @@ void tell(Explanation& e, const SystemRun& run) {
   }
   if (e.cancellations) {
     const Cancellations& c = *e.cancellations;
-    say(c.half_word == 0 ? fmt::format("None of its {} additions cancels half of the word.", c.additions)
-                         : fmt::format("Of its {} additions {} cancel half of the word or more, {} of them in step {}.",
-                                       c.additions, c.half_word, c.at_step, c.step));
+    say(c.half_word == 0 ? fmt::format("In none of its {} additions does half of the word cancel.", c.additions)
+                         : fmt::format("In {} of its {} additions half of the word or more cancels, in step {} {} times.",
+                                       c.half_word, c.additions, c.step, c.at_step));
   }
 }
 

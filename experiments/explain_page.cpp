@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include <fmt/core.h>
 
@@ -169,7 +170,7 @@ reports::Document explain_document(const std::vector<Explained>& explained, cons
     for (const Explanation& e : one.filters) {
       std::string text;
       for (const std::string& sentence : e.sentences) text += (text.empty() ? "" : " ") + sentence;
-      section.blocks.emplace_back(reports::Paragraph{std::string(e.filter->id) + ": " + text});
+      section.blocks.emplace_back(reports::Paragraph{std::move(text)});
     }
     section.blocks.emplace_back(losses_figure(one, section.anchor));
     if (one.run.analysis.gamma.count() > 0) section.blocks.emplace_back(costs_figure(one, section.anchor));

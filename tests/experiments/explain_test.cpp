@@ -82,7 +82,7 @@ TEST(Explain, KnowsTheEntriesAndTheCancellations) {
 
 TEST(Explain, TellsAnAsymmetry) {
   const Explained explained =
-      explain(find_system("asymmetry-divergence", {.steps = 200}), select_filters("^(ckf|ckf-gain)$"), {});
+      explain(find_system("asymmetry-divergence", {{}, 200, {}}), select_filters("^(ckf|ckf-gain)$"), {});
   EXPECT_EQ(explained.filters[0].asymmetry, 0);
   EXPECT_GT(explained.filters[1].asymmetry, 0.5);
   EXPECT_EQ(story(explained.filters[0]).find("asymmetry"), std::string::npos);
