@@ -83,6 +83,36 @@ std::vector<ClaimResult> run_claims(const std::vector<Claim>& claims, const std:
   return results;
 }
 
+std::vector<Stability> run_seeds(const std::vector<Claim>& claims, const std::map<std::string, double>& set,
+                                 Effort effort, int jobs, int seeds, const std::function<void()>& done) {
+  std::vector<Claim> drawn, fixed;
+  for (const Claim& claim : claims)
+    (std::ranges::count(claim.parameters, "seed", &Parameter::name) > 0 ? drawn : fixed).push_back(claim);
+
+  std::map<int, Stability> found;
+  const auto take = [&](const std::vector<ClaimResult>& results) {
+    for (const ClaimResult& result : results) {
+      Stability& stability = found.try_emplace(result.claim.number, Stability{result.claim, 0, 0, {}}).first->second;
+      ++stability.runs;
+      stability.confirmed += result.verdict() == reports::Verdict::confirmed;
+      for (const reports::Check& check : result.findings.checks) {
+        auto held = std::ranges::find(stability.checks, check.name, &Stability::Held::check);
+        if (held == stability.checks.end()) held = stability.checks.insert(held, {check.name, 0});
+        held->times += check.holds;
+      }
+    }
+  };
+  take(run_claims(fixed, set, effort, jobs, done));
+  for (int seed = 1; seed <= seeds && !interrupted(); ++seed) {
+    auto with_seed = set;
+    with_seed["seed"] = seed;
+    take(run_claims(drawn, with_seed, effort, jobs, done));
+  }
+  std::vector<Stability> all;
+  for (auto& [number, stability] : found) all.push_back(std::move(stability));
+  return all;
+}
+
 reports::Check check_close(std::string name, double predicted, double measured, double relative) {
   const bool holds = std::isfinite(predicted) && std::abs(measured - predicted) <= relative * std::abs(predicted);
   return {std::move(name), predicted, measured, fmt::format("within {:g} % of the prediction", 100 * relative), holds};

@@ -85,6 +85,23 @@ ClaimResult run_claim(const Claim& claim, const std::map<std::string, double>& s
 std::vector<ClaimResult> run_claims(const std::vector<Claim>& claims, const std::map<std::string, double>& set,
                                     Effort effort, int jobs, const std::function<void()>& done);
 
+/// How a claim fared with the seeds 1, 2 ... : how often each check held.
+struct Stability {
+  struct Held {
+    std::string check;
+    int times = 0;  ///< of `runs`, or fewer where it is not part of every run
+  };
+  Claim claim;
+  int runs = 0;       ///< 1 for a claim that draws nothing
+  int confirmed = 0;  ///< verdicts
+  std::vector<Held> checks;
+};
+
+/// Runs each claim that has a parameter "seed" with the seeds 1 ... seeds, the others once. Otherwise as run_claims;
+/// what was not finished is left out of the counts.
+std::vector<Stability> run_seeds(const std::vector<Claim>& claims, const std::map<std::string, double>& set,
+                                 Effort effort, int jobs, int seeds, const std::function<void()>& done);
+
 /// A check that a measured value lies within a relative tolerance of the predicted one. Not finite: does not hold.
 reports::Check check_close(std::string name, double predicted, double measured, double relative);
 /// A check that a measured value lies within an absolute distance of the predicted one.

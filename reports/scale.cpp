@@ -87,12 +87,29 @@ Scale log_scale(const std::vector<double>& measured, const std::vector<double>& 
   return scale;
 }
 
-/// digit times a power of ten.
-std::string power_label(int digit, int exponent, PowerNotation notation) {
-  if (notation == PowerNotation::plain) return fmt::format("{}e{}", digit, exponent);
+/// A small number times a power of ten.
+std::string power_label(double digit, int exponent, PowerNotation notation) {
+  if (notation == PowerNotation::plain) return fmt::format("{:g}e{}", digit, exponent);
   if (notation == PowerNotation::latex)
-    return fmt::format("${}10^{{{}}}$", digit == 1 ? "" : fmt::format("{}\\cdot", digit), exponent);
-  return fmt::format("{}10^{{{}}}", digit == 1 ? "" : fmt::format("{}·", digit), exponent);
+    return fmt::format("${}10^{{{}}}$", digit == 1 ? "" : fmt::format("{:g}\\cdot", digit), exponent);
+  return fmt::format("{}10^{{{}}}", digit == 1 ? "" : fmt::format("{:g}·", digit), exponent);
+}
+
+/// Of a range of less than a few units of its leading digit: equal steps of that, as few as show where one is.
+std::vector<Tick> close_ticks(double low, double high, PowerNotation notation) {
+  const int exponent = static_cast<int>(std::floor(std::log10(low)));
+  const double unit = power_of_ten(exponent);
+  for (const double step : {1., .5, .2, .1, .05, .02, .01}) {
+    std::vector<Tick> ticks;
+    for (double n = std::ceil(low / unit / step); n * step * unit <= high; ++n) {
+      const int up = n * step < 10 ? 0 : 1;
+      ticks.push_back({n * step * unit, std::abs(exponent) <= 3
+                                            ? short_number(n * step * unit)
+                                            : power_label(n * step / (up ? 10 : 1), exponent + up, notation)});
+    }
+    if (ticks.size() >= 3) return ticks;
+  }
+  return {};
 }
 
 }  // namespace
@@ -126,11 +143,11 @@ std::vector<Tick> log_ticks(const Scale& scale, PowerNotation notation, int most
   };
 
   if (top - low < 2) {
-    // 1, 2 and 5 times a power. If even these are too few, a linear axis' own ticks.
+    // 1, 2 and 5 times a power.
     add_multiples({1, 2, 5}, [&](int digit, int exponent) {
       return std::abs(exponent) <= 3 ? short_number(digit * power_of_ten(exponent)) : power_label(digit, exponent, notation);
     });
-    if (ticks.size() < 2) return {};
+    if (ticks.size() < 3 && !scale.floor) return close_ticks(scale.low, scale.high, notation);
     add_multiples({3, 4, 6, 7, 8, 9}, [](int, int) { return std::string(); });
     return ticks;
   }

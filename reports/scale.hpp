@@ -37,7 +37,7 @@ struct Tick {
 /// 10^{-5} as gnuplot sets it, $10^{-5}$ as LaTeX does, or 1e-5.
 enum class PowerNotation { superscript, latex, plain };
 
-/// The ticks of a log axis, at most about `most` of them labelled; none if a linear axis' own ticks do better.
+/// The ticks of a log axis, at most about `most` of them labelled; none of an axis that is not.
 std::vector<Tick> log_ticks(const Scale& scale, PowerNotation notation, int most = 8);
 
 }  // namespace kfstab::reports

@@ -13,6 +13,7 @@
 #include <kfstab/experiments/selection.hpp>
 #include <kfstab/properties/expression.hpp>
 #include <kfstab/properties/input_error.hpp>
+#include <kfstab/reports/markdown.hpp>
 #include <kfstab/reports/terminal.hpp>
 
 namespace kfstab::experiments {
@@ -54,6 +55,40 @@ std::map<std::string, double> values_of(const SetArguments& set, const std::vect
   return values;
 }
 
+/// Nothing but the table: which checks held in every run, and how often the others did.
+int seeds_command(const ClaimArguments& arguments, const std::vector<Claim>& selected,
+                  const std::map<std::string, double>& set, Effort effort) {
+  const auto random = std::ranges::count_if(
+      selected, [](const Claim& c) { return std::ranges::count(c.parameters, "seed", &Parameter::name) > 0; });
+  std::vector<Stability> found;
+  {
+    Progress progress("claims", std::ssize(selected) + random * (arguments.seeds - 1));
+    found = run_seeds(selected, set, effort, arguments.jobs, arguments.seeds, [&] { progress.advance(); });
+  }
+  reports::Table table;
+  table.header = {"", "claim", "seeds", "confirmed", "checks that held with every seed", "others, and how often they held"};
+  using enum reports::Alignment;
+  table.alignment = {right, left, right, right, right, left};
+  bool all = true;
+  for (const Stability& one : found) {
+    std::ptrdiff_t always = 0;
+    std::string others;
+    for (const auto& [check, times] : one.checks) {
+      if (times == one.runs) ++always;
+      else others += fmt::format("{}{} ({})", others.empty() ? "" : "; ", check, times);
+    }
+    all = all && one.confirmed == one.runs;
+    table.rows.push_back({fmt::format("C{}", one.claim.number), one.claim.id, one.runs == 1 ? "-" : fmt::format("{}", one.runs),
+                          fmt::format("{}", one.confirmed), fmt::format("{} of {}", always, one.checks.size()), others});
+  }
+  fmt::print("{}", arguments.rendering.only_markdown() ? reports::render_markdown(table) : reports::render_text(table));
+  if (interrupted()) {
+    fmt::print(stderr, "kfstab: interrupted; the table is of what was finished\n");
+    return Exit::interrupted;
+  }
+  return all ? Exit::ok : Exit::failed;
+}
+
 }  // namespace
 
 int claim_command(const ClaimArguments& arguments) {
@@ -61,6 +96,7 @@ int claim_command(const ClaimArguments& arguments) {
   const auto set = values_of(arguments.set, selected);
   const Effort effort = arguments.quick ? Effort::quick : Effort::full;
   for (const Claim& claim : selected) settings_of(claim, set, effort);  // refuses what is out of range before any work
+  if (arguments.seeds > 0) return seeds_command(arguments, selected, set, effort);
   Output output(arguments.out, arguments.claims.empty() ? "claim" : "claim-" + arguments.claims, arguments.json,
                 arguments.rendering);
 

@@ -76,6 +76,7 @@ struct ClaimArguments {
   SetArguments set;
   bool quick = false;  ///< with fewer frames and steps
   int jobs = 0;        ///< 0: one a core
+  int seeds = 0;       ///< over so many, how often each check holds; 0: the claims once, and their report
   std::string out;
   std::string json;
   Rendering rendering;

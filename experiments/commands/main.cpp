@@ -177,6 +177,8 @@ int command_line(int argc, char** argv) {
   claim_app->add_option("REGEX", claim.claims, "regular expression on claim ids; after --, a leading - excludes; else all");
   add_set(claim_app, "value of a parameter of the selected claims");
   claim_app->add_flag("--quick", claim.quick, "with fewer frames and steps: a first look")->envname("KFSTAB_QUICK");
+  claim_app->add_option("--seeds", claim.seeds, "run what draws systems with the seeds 1 ... N, and print how often each check held: a table, no files")
+      ->envname("KFSTAB_SEEDS")->type_name("N")->check(CLI::Range(1, 10000).description(""));
   claim_app->add_option("--jobs", claim.jobs, "claims at once; 0: one a core")
       ->envname("KFSTAB_JOBS")->check(CLI::Range(0, 1024).description(""))->capture_default_str();
   claim_app->add_option("--out", claim.out, "folder for the results; else ./kfstab-out/claim-REGEX")->envname("KFSTAB_OUT")->type_name("DIR");

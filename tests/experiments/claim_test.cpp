@@ -1,6 +1,7 @@
 #include <kfstab/experiments/claim.hpp>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <limits>
 #include <set>
@@ -104,6 +105,50 @@ TEST(Checks, WhatIsNotFiniteDoesNotHold) {
     EXPECT_FALSE(check_close("a", predicted, 1, .01).holds) << predicted;
     EXPECT_FALSE(check_within("a", predicted, 1, .01).holds) << predicted;
   }
+}
+
+TEST(RunClaim, QuickHasValuesOfItsOwnThatSetOverrides) {
+  Claim claim = made_up();
+  claim.parameters[1].quick = 2;
+  EXPECT_EQ(run_claim(claim, {}).settings("n"), 3);
+  EXPECT_EQ(run_claim(claim, {}, Effort::quick).settings("n"), 2);
+  EXPECT_EQ(run_claim(claim, {}, Effort::quick).settings("r"), 1.5);
+  EXPECT_EQ(run_claim(claim, {{"n", 7}}, Effort::quick).settings("n"), 7);
+}
+
+TEST(RunClaims, KeepTheirOrderHoweverManyRunAtOnce) {
+  std::vector<Claim> claims;
+  for (int number = 1; number <= 20; ++number) {
+    claims.push_back(made_up());
+    claims.back().number = number;
+  }
+  for (const int jobs : {0, 1, 3}) {
+    std::atomic<int> done = 0;
+    const auto results = run_claims(claims, {}, Effort::full, jobs, [&] { ++done; });
+    ASSERT_EQ(results.size(), claims.size());
+    for (std::size_t i = 0; i < results.size(); ++i) EXPECT_EQ(results[i].claim.number, claims[i].number);
+    EXPECT_EQ(done, 20);
+  }
+}
+
+TEST(RunSeeds, CountsHowOftenEachCheckHolds) {
+  Claim drawn = made_up(), fixed = made_up();
+  drawn.number = 1;
+  fixed.number = 2;
+  drawn.parameters.push_back({"seed", 1, "seed", 0, 100});
+  drawn.measure = [](const Settings& set) {
+    return Findings{{check_at_most("small", 3, set("seed"), ""), check_at_least("all", 0, set("seed"), "")}, {}};
+  };
+  const auto found = run_seeds({fixed, drawn}, {}, Effort::full, 1, 5, [] {});
+  ASSERT_EQ(found.size(), 2u);
+  EXPECT_EQ(found[0].runs, 5);
+  EXPECT_EQ(found[0].confirmed, 3);
+  ASSERT_EQ(found[0].checks.size(), 2u);
+  EXPECT_EQ(found[0].checks[0].check, "small");
+  EXPECT_EQ(found[0].checks[0].times, 3);
+  EXPECT_EQ(found[0].checks[1].times, 5);
+  EXPECT_EQ(found[1].runs, 1);
+  EXPECT_EQ(found[1].confirmed, 1);
 }
 
 TEST(RunClaim, UsesDefaultsAndWhatIsSet) {

@@ -111,7 +111,16 @@ TEST(LogTicks, OfAShortAxisAreOneTwoFive) {
   EXPECT_EQ(labels(log_ticks(tiny, PowerNotation::plain)), (std::vector<std::string>{"1e-16", "2e-16", "5e-16"}));
 }
 
-TEST(LogTicks, LeaveLinearAxesAndTheShortestOnesToGnuplot) {
+// Left to gnuplot, these would have none at all.
+TEST(LogTicks, OfLessThanAFactorOfTwoAreEquallySpaced) {
+  EXPECT_EQ(labels(log_ticks(scale_for(log_axis, {3.1, 3.9}, {}, 0), PowerNotation::plain)),
+            (std::vector<std::string>{"3.2", "3.4", "3.6", "3.8"}));
+  EXPECT_EQ(labels(log_ticks(scale_for(log_axis, {2.2e-16, 3.1e-16}, {}, 0), PowerNotation::superscript)),
+            (std::vector<std::string>{"2.4·10^{-16}", "2.6·10^{-16}", "2.8·10^{-16}", "3·10^{-16}"}));
+  EXPECT_EQ(labels(log_ticks(scale_for(log_axis, {8.8e-17, 1.15e-16}, {}, 0), PowerNotation::plain)),
+            (std::vector<std::string>{"9e-17", "1e-16", "1.1e-16"}));
+}
+
+TEST(LogTicks, LeaveLinearAxesToGnuplot) {
   EXPECT_TRUE(log_ticks(scale_for(linear_axis, {1, 2}, {}, 0), PowerNotation::plain).empty());
-  EXPECT_TRUE(log_ticks(scale_for(log_axis, {3.1, 3.9}, {}, 0), PowerNotation::plain).empty());
 }
