@@ -95,7 +95,11 @@ Claim asymmetry_without_bound() {
           "What claim asymmetry-growth measures under a microscope, to the naked eye: symmetrise, or compute one "
           "triangle.",
       .parameters = {{"r", 1.6, "modulus of the eigenvalues of A", 1.3, 2}, {"steps", 150, "number of steps", 60, 300}},
-      .measure = measure};
+      .measure = measure,
+      .mathematics =
+          "p = 1:  D+ = A D A'  in (iii), (iv), (v)\n"
+          "n = 2:  D+ = D det A,  det A = l1 l2 = r^2,  ||D_k|| ~ u r^{2k}\n"
+          "D+ = F D F' = D det F  in (i)"};
 }
 
 }  // namespace kfstab::experiments::claims

@@ -261,7 +261,11 @@ Claim backward_error() {
       .meaning =
           "Every loss of a square-root filter is one that the problem has in itself, posed in terms of the roots.",
       .parameters = {{"systems", 120, "random systems", 10, 2000}, {"seed", 1, "seed of the first system", 0, 1e15}},
-      .measure = measure};
+      .measure = measure,
+      .mathematics =
+          "[L, A; 0, B] Q = [L+, 0; C, D],  L, L+ lower triangular\n"
+          "Q' [R, 0; A, B] = [R+, C; 0, D],  R, R+ upper triangular\n"
+          "min ||X U - Y|| <= c (n + m + p) u ||X||  over U U' = I,  X the left side, Y the computed right side"};
 }
 
 }  // namespace kfstab::experiments::claims

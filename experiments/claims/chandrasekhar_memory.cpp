@@ -279,7 +279,12 @@ Claim chandrasekhar_memory() {
                      {"steps", 400, "steps from P0 = a I", 300, 10000},
                      {"systems", 20, "number of random systems", 3, 1000},
                      {"seed", 1, "seed of the random systems", 0, 1e15}},
-      .measure = measure};
+      .measure = measure,
+      .mathematics =
+          "P_{k+1} = P_k + L_k Sig L_k',  Sig = diag(I, -I)\n"
+          "[Re_k^{1/2}, C L_k; G_k, A L_k] Theta = [Re_{k+1}^{1/2}, 0; G_{k+1}, L_{k+1}],  K_k = G_k Re_k^{-1/2}\n"
+          "E_{R,k} = Re_k - R - C P_k C',  E_{G,k} = G_k Re_k^{T/2} - A P_k C'\n"
+          "E_{R,k+1} = E_{R,k},  E_{G,k+1} = E_{G,k}"};
 }
 
 }  // namespace kfstab::experiments::claims

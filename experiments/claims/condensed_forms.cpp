@@ -101,7 +101,12 @@ Claim condensed_forms() {
                          {"steps", 60, "number of steps; the later half is judged", 20, 1000},
                          {"rho", .98, "spectral radius of A before it is rounded", .3, 1.1},
                          {"seed", 1, "seed of the first random system", 0, 1e15}},
-          .measure = measure};
+          .measure = measure,
+          .mathematics =
+              "A_U = U A U',  C_U = C U':  C_U(i, j) = 0  for j > i,  A_U(i, j) = 0  for j > i + p\n"
+              "[R^{1/2}, 0, C_U S; 0, B_U Q^{1/2}, A_U S] V = [Re^{1/2}, 0, 0; G, S+, 0],  P = U' S S' U\n"
+              "V [Q^{-1/2}, 0; 0, R^{-1/2} C U'; T A_U^{-1} B_U, T A_U^{-1}] = [Qe^{-1/2}, *; 0, T+; 0, 0]\n"
+              "S held:  ||dS|| <= c u (1 + k(Re)^{1/2}) ||S+|| / cos"};
 }
 
 }  // namespace kfstab::experiments::claims

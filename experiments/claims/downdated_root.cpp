@@ -134,7 +134,12 @@ Claim downdated_root() {
       .meaning =
           "Ask of a `square-root` filter how it updates: by an orthogonal transformation of an array, or not at all.",
       .parameters = {{"draws", 30, "random S0 at each d", 5, 1000}, {"seed", 1, "seed of the first S0", 0, 1e15}},
-      .measure = measure};
+      .measure = measure,
+      .mathematics =
+          "S_{k|k} S_{k|k}' = S S' - Kf Re Kf',  Re = R + C S S' C'\n"
+          "downdated:  ||dP|| <= c u k(Re) ||P+|| / cos^2\n"
+          "srcf:  ||dS|| <= c u (1 + k(Re)^{1/2}) ||S+|| / cos\n"
+          "k(Re) ~ 1/d^2"};
 }
 
 }  // namespace kfstab::experiments::claims

@@ -140,7 +140,11 @@ Claim exact_forgetting() {
                      {"steps", 40, "number of steps", 30, 200},
                      {"systems", 20, "number of random systems", 1, 1000},
                      {"seed", 1, "seed of the random systems", 0, 1e15}},
-      .measure = measure};
+      .measure = measure,
+      .mathematics =
+          "dP_k = Phi dP_0 Phi',  Phi = F_{k-1} ... F_1 F_0\n"
+          "P1+ - P2+ = F1 (P1 - P2) F2'\n"
+          "dP_k = Phi dP_0 Phi_2',  Phi_2  of the disturbed run"};
 }
 
 }  // namespace kfstab::experiments::claims

@@ -301,7 +301,12 @@ Claim first_order() {
                      {"p", 2, "number of outputs", 1, 4},
                      {"systems", 5, "number of random systems", 1, 100},
                      {"seed", 1, "seed of the random systems", 0, 1e15}},
-      .measure = measure};
+      .measure = measure,
+      .mathematics =
+          "dP+ = F dP F',  dK = F dP C' Re^{-1},  dx+ = F dx + dK (y - C x)\n"
+          "dP+ = F E F'  in (i),  F E' F' + A D A'  in (ii),  F E F' + G D F'  in (iii)\n"
+          "dP+ = F E F' + F D G' + G D G'  in (iv),  F E F' + G D F' + G D G'  in (v)\n"
+          "D = E - E',  G = K C,  ||residual|| <= c ||E||^2"};
 }
 
 }  // namespace kfstab::experiments::claims

@@ -236,7 +236,12 @@ Claim forgetting() {
                      {"p", 2, "number of outputs", 1, 4},
                      {"systems", 20, "number of random systems", 1, 1000},
                      {"seed", 1, "seed of the random systems", 0, 1e15}},
-      .measure = measure};
+      .measure = measure,
+      .mathematics =
+          "dP+ = F dP F',  dK = F dP C' Re^{-1}\n"
+          "dx+ = F dx + dK (y - C x)\n"
+          "F v = lambda v:  dP+ = lambda^2 dP  for dP = v v',  dx+ = lambda dx  for dx = v\n"
+          "dP_k = Phi dP_0 Phi',  Phi = F_{k-1} ... F_1 F_0"};
 }
 
 }  // namespace kfstab::experiments::claims

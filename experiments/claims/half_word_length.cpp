@@ -160,7 +160,12 @@ Claim half_word_length() {
                      {"steps", 30, "number of steps", 5, 1000},
                      {"rho", 1.02, "spectral radius of A before it is rounded", .5, 1.2},
                      {"seed", 1, "seed of the first random system", 0, 1e15}},
-      .measure = measure};
+      .measure = measure,
+      .mathematics =
+          "P held:  ||dP|| <= c u k(Re) ||P+|| / cos^2,  u = 2^-53\n"
+          "S held:  ||dS|| <= c u (1 + k(Re)^{1/2}) ||S+|| / cos,  u = 2^-24\n"
+          "P0 = alpha S0 S0',  p = 1:  k(Re) = 1,  1/cos^2 ~ alpha\n"
+          "2^-53 alpha = .5  at alpha = 2^52,  2^-24 alpha^{1/2} = .5  at alpha = 2^46"};
 }
 
 }  // namespace kfstab::experiments::claims

@@ -130,7 +130,11 @@ Claim information_conditioning() {
       .parameters = {{"decades", 14, "largest condition number of A, as a power of ten", 8, 14},
                      {"frames", 20, "random frames at each condition number", 5, 1000},
                      {"seed", 1, "seed of the random frames", 0, 1e15}},
-      .measure = measure};
+      .measure = measure,
+      .mathematics =
+          "T held:  ||dT|| <= c u (k(A) + k(R^{1/2}) + (t_1/t_m) (k(Q^{1/2}) + k(A))) ||T+|| / cos3\n"
+          "cos3 = ||T+|| / (||[T A^{-1}; R^{-1/2} C]||)\n"
+          "Q^{-1} + (T A^{-1}B)'(T A^{-1}B) = (Qe^{-1/2})' Qe^{-1/2},  t_1 >= ... >= t_m  of Qe^{-1/2}"};
 }
 
 }  // namespace kfstab::experiments::claims

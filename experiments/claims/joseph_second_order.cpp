@@ -139,7 +139,10 @@ Claim joseph_second_order() {
                      {"p", 3, "number of outputs", 1, 6},
                      {"systems", 20, "number of random systems", 3, 1000},
                      {"seed", 1, "seed of the random systems", 0, 1e15}},
-      .measure = measure};
+      .measure = measure,
+      .mathematics =
+          "(I - (Kf+dK) C) P (I - (Kf+dK) C)' + (Kf+dK) R (Kf+dK)' = P_{k|k} + dK Re dK'\n"
+          "(A - (K+dK) C) P A' + B Q B' = P+ - dK C P A'"};
 }
 
 }  // namespace kfstab::experiments::claims

@@ -178,7 +178,11 @@ Claim noise_free_modes() {
           "Modelling a bias as a state without noise is safe, with a symmetric form or a root; a Chandrasekhar filter "
           "has to be started anew from time to time.",
       .parameters = {{"steps", 4000, "number of steps", 1000, 100000}},
-      .measure = measure};
+      .measure = measure,
+      .mathematics =
+          "D+ = A D A' - G D G'  in (iii),  G D G' = 0  for p = 1\n"
+          "A = [1, h, h^2/2; 0, 1, h; 0, 0, 1]:  D_k = A^k D_0 (A^k)',  ||D_k|| ~ k^2\n"
+          "G_{k+1} Re_{k+1}^{T/2} = G_k Re_k^{T/2} + A L_k Sig L_k' C':  ||dK_k|| ~ k u"};
 }
 
 }  // namespace kfstab::experiments::claims

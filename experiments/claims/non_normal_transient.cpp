@@ -134,7 +134,11 @@ Claim non_normal_transient() {
               "A stable closed loop is no promise for the next ten steps. Look at the powers of F, not at its norm "
               "nor at its eigenvalues alone.",
           .parameters = {{"shear", 20, "off-diagonal entry of A", 1, 100}},
-          .measure = measure};
+          .measure = measure,
+          .mathematics =
+              "dP_k = F^k dP_0 (F^k)'\n"
+              "dP_0 = e v v':  max ||dP_k|| = ||dP_0|| max ||F^k||^2\n"
+              "||dP_{k+1}|| -> rho(F)^2 ||dP_k||,  ||F^k||^2 <= ||F||^{2k}"};
 }
 
 }  // namespace kfstab::experiments::claims

@@ -91,7 +91,12 @@ Claim normal_equations() {
               "is lost.",
           .parameters = {{"draws", 30, "random priors at each d", 5, 1000},
                          {"seed", 1, "seed of the first prior", 0, 1e15}},
-          .measure = measure};
+          .measure = measure,
+          .mathematics =
+              "U [T, T x; R^{-1/2} C, R^{-1/2} y] = [T+, T+ x+; 0, e]\n"
+              "Y+ = Y + C' R^{-1} C,  Y+ x+ = Y x + C' R^{-1} y\n"
+              "Y+ = T+' T+,  k(Y+) = k(T+)^2 ~ 1/d^2\n"
+              "T held:  ||dx|| <= c u k(T+) ||x||,  Y held:  ||dx|| <= c u k(T+)^2 ||x||"};
 }
 
 }  // namespace kfstab::experiments::claims

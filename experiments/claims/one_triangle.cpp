@@ -219,7 +219,12 @@ Claim one_triangle() {
                      {"p", 2, "number of outputs", 1, 4},
                      {"systems", 20, "number of random systems", 1, 1000},
                      {"seed", 1, "seed of the first random system", 0, 1e15}},
-      .measure = measure};
+      .measure = measure,
+      .mathematics =
+          "D+ = F D F' - G D G'  in (i)\n"
+          "D+ = 2 A D A' - F D F' + G D G'  in (ii)\n"
+          "D+ = A D A'  in (iii), (iv), (v)\n"
+          "D = P - P',  F = A - K C,  G = K C"};
 }
 
 }  // namespace kfstab::experiments::claims

@@ -230,7 +230,12 @@ Claim operation_counts() {
       .meaning = "Cost is no reason to hold P rather than a root, and a reason for the condensed forms.",
       .parameters = {{"m", 2, "number of noises in the figures", 1, 6},
                      {"p", 2, "number of outputs in the figures", 1, 6}},
-      .measure = measure};
+      .measure = measure,
+      .mathematics =
+          "ckf:  3/2 n^3 + n^2 (3p + m)/2\n"
+          "srcf:  7/6 n^3 + n^2 (5p/2 + m) + n (p^2 + m^2/2)\n"
+          "srcf condensed:  1/6 n^3 + n^2 (5p/2 + m) + n p^2\n"
+          "csrf:  alpha n^2 + 3 alpha n p + alpha p^2"};
 }
 
 }  // namespace kfstab::experiments::claims

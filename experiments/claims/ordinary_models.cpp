@@ -100,7 +100,11 @@ Claim ordinary_models() {
           "Moderate condition numbers and closed loops that forget: errors at most 4 u a step, 1e-13 in 200 steps.",
       .meaning = "On a well-scaled model choose by cost and convenience, as long as P is kept symmetric.",
       .parameters = {{"steps", 200, "number of steps", 50, 10000}},
-      .measure = measure};
+      .measure = measure,
+      .mathematics =
+          "W_{k+1} = F_k W_k F_k' + delta_k I,  W_0 = 0,  -W_k <= dP_k <= W_k\n"
+          "P held:  delta_k = u (n + m + p) k(Re) ||P+|| / cos^2\n"
+          "||dP_k|| <= 4 k u ||P_k||"};
 }
 
 }  // namespace kfstab::experiments::claims

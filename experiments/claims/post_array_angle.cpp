@@ -141,7 +141,12 @@ Claim post_array_angle() {
           .parameters = {{"decades", 5, "largest 1/cos, as a power of ten", 4, 7},
                          {"frames", 100, "random draws at each size of R", 10, 10000},
                          {"seed", 1, "seed of the random draws", 0, 1e15}},
-          .measure = measure};
+          .measure = measure,
+          .mathematics =
+              "P held:  ||dP|| <= c u k(Re) ||P+|| / cos^2\n"
+              "S held:  ||dS|| <= c u (1 + k(Re)^{1/2}) ||S+|| / cos\n"
+              "cos^2 = ||P+|| / (||A P A' + B Q B'||)\n"
+              "n = p = 1,  B = 0,  C = 1:  k(Re) = 1,  cos^2 = R / (P + R)"};
 }
 
 }  // namespace kfstab::experiments::claims

@@ -116,7 +116,11 @@ Claim re_cholesky() {
               "Look into a library's `square-root` filter for the line that forms S S': whatever follows it is a "
               "conventional filter.",
           .parameters = {{"steps", 20, "number of steps", 1, 200}, {"seed", 1, "seed of Q", 0, 1e15}},
-          .measure = measure};
+          .measure = measure,
+          .mathematics =
+              "[R^{1/2}, C S, 0; 0, A S, B Q^{1/2}] U = [Re^{1/2}, 0, 0; G, S+, 0]\n"
+              "P = S S' + E,  ||E|| <= c u ||S||^2  if P is formed\n"
+              "B = 0,  R = 1,  det A = 1:  det P+ = det P / Re"};
 }
 
 }  // namespace kfstab::experiments::claims

@@ -105,7 +105,11 @@ Claim rls_forgetting() {
           .parameters = {{"factor", .95, "forgetting factor in the figure", .7, .99},
                          {"n", 4, "number of coefficients", 2, 16},
                          {"seed", 1, "seed of the random regressors", 0, 1e15}},
-          .measure = measure};
+          .measure = measure,
+          .mathematics =
+              "A = f^{-1/2} I,  p = 1:  D+ = A D A' = f^{-1} D  in (iii), (iv), (v)\n"
+              "||D_k|| = f^{-k} ||D_0||\n"
+              "D+ = F D F'  in (i)"};
 }
 
 }  // namespace kfstab::experiments::claims

@@ -173,7 +173,12 @@ Claim rounded_decimals() {
           "= 69.875 and 2.47950642702487, and S regular to the end.",
       .meaning = "In fixed point, or with few digits, store a root: definiteness is then no question of digits.",
       .parameters = {{"steps", 20, "the last T", 5, 10000}},
-      .measure = measure};
+      .measure = measure,
+      .mathematics =
+          "P_{k|k} = (I - Kf C) P,  P+ = A P_{k|k} A' + B Q B'\n"
+          "P_{k|k} := 10^-3 floor(10^3 P_{k|k} + 1/2)\n"
+          "P_{4|4} = 10^-3 [1, 1; 1, 1],  det P_{4|4} = 0\n"
+          "P_{k|k} = S S':  det S != 0  for S so stored"};
 }
 
 }  // namespace kfstab::experiments::claims

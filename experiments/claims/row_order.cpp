@@ -122,7 +122,11 @@ Claim row_order() {
               "half of its digits by the order of its rows.",
           .parameters = {{"draws", 20, "random systems at each k", 5, 1000},
                          {"seed", 1, "seed of the first system", 0, 1e15}},
-          .measure = measure};
+          .measure = measure,
+          .mathematics =
+              "Q^{-1} = (Q^{-1/2})' Q^{-1/2},  Q^{1/2} = [1, 0; 1, e],  k(Q^{1/2}) ~ 2/e\n"
+              "lower:  Q^{-1/2} = [1, 0; -1/e, 1/e],  ||dT|| <= c u k(Q^{1/2}) ||T+|| / cos3\n"
+              "upper:  Q^{-1/2} = (1 + e^2)^{-1/2} [(1 + e^2)/e, -1/e; 0, 1]"};
 }
 
 }  // namespace kfstab::experiments::claims

@@ -103,7 +103,12 @@ Claim scalar_roots() {
           "d = 2^-8 ... 2^-44.",
       .meaning = "Which root you hold is a matter of cost and taste: all of them keep the same digits.",
       .parameters = {{"steps", 20, "number of steps", 1, 1000}},
-      .measure = measure};
+      .measure = measure,
+      .mathematics =
+          "Phi = R^{-1/2} C:  k_j = P phi_j / (1 + phi_j' P phi_j),  P := P - k_j phi_j' P\n"
+          "P = S S':  S := S - k_j f' / (1 + a^{-1/2}),  f = S' phi_j,  a = 1 + f'f\n"
+          "P = U D U',  U unit upper triangular\n"
+          "||dP|| <= c u k(Re)^{1/2} ||P||,  k(Re) -> 4.5 / d^2"};
 }
 
 }  // namespace kfstab::experiments::claims

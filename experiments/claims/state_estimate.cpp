@@ -123,7 +123,12 @@ Claim state_estimate() {
       .parameters = {{"finest", 50, "least d, as a power of 1/2", 26, 52},
                      {"frames", 30, "random draws at each d", 5, 1000},
                      {"seed", 1, "seed of the random draws", 0, 1e15}},
-      .measure = measure};
+      .measure = measure,
+      .mathematics =
+          "dx+ = F dx + dK (y - C x)\n"
+          "P held:  ||dK|| <= c u k(Re) ||K||\n"
+          "S held:  ||dK|| <= c u/s_p ((s_1/s_p) ||S+|| + s_1 ||G|| + ||S+||/cos)\n"
+          "k(Re) = (s_1/s_p)^2 ~ 1/d^2"};
 }
 
 }  // namespace kfstab::experiments::claims

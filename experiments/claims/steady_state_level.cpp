@@ -165,7 +165,11 @@ Claim steady_state_level() {
               "A filter with little process noise is slow to forget: expect its floor higher by 1 / (1 - rho(F)^2), "
               "whatever the form. More process noise lowers it.",
           .parameters = {{"finest", 20, "least process noise q, as a power of 1/2", 16, 24}},
-          .measure = measure};
+          .measure = measure,
+          .mathematics =
+              "W_{k+1} = F_k W_k F_k' + delta_k I,  W_0 = 0,  -W_k <= dP_k <= W_k\n"
+              "||W_k|| -> delta / (1 - rho(F)^2),  F normal\n"
+              "||dP|| <= c u ||P|| / (1 - rho(F)^2)"};
 }
 
 }  // namespace kfstab::experiments::claims

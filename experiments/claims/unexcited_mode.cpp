@@ -95,7 +95,12 @@ Claim unexcited_mode() {
           "No form saves a model that calls a growing direction exactly known: give it noise. The control of claim C1.",
       // Below 1.125 an error of an ulp or two grows by less than half an ulp a step, and may be rounded away for ever.
       .parameters = {{"mode", 1.125, "the growing mode, rounded to 1/256", 1.125, 1.5}},
-      .measure = measure};
+      .measure = measure,
+      .mathematics =
+          "w'A = l1 w',  w'B = 0,  w'P0 = 0:  w'K = 0,  w'F = l1 w'\n"
+          "P held:  w'dP_k w = l1^{2k} w'dP_0 w ~ u l1^{2k}\n"
+          "S held:  w'dP_k w = ||w'dS_k||^2 ~ (u l1^k)^2\n"
+          "u l1^{2k} = 1  at k = log(1/u) / (2 log l1),  (u l1^k)^2 = 1  at k = log(1/u) / (log l1)"};
 }
 
 }  // namespace kfstab::experiments::claims

@@ -122,7 +122,11 @@ Claim units() {
       .parameters = {{"spread", 40, "largest power of two of a unit", 14, 40},
                      {"steps", 50, "number of steps", 1, 1000},
                      {"seed", 3, "seed of the random system", 0, 1e15}},
-      .measure = measure};
+      .measure = measure,
+      .mathematics =
+          "N = diag(2^-40, 2^-13, 2^9, 2^40):  A -> N A N^{-1},  B -> N B,  C -> C N^{-1}\n"
+          "P -> N P N,  S -> N S,  K -> N K,  Re -> Re\n"
+          "k(N P N) ~ k(N)^2 k(P),  k(N)^2 = 2^160"};
 }
 
 }  // namespace kfstab::experiments::claims

@@ -119,7 +119,12 @@ Claim weak_prior() {
           "error is between 3e-15 and 1e-2; T'T at 2e-15.",
       .meaning = "Do not start a filter that holds P from 1e12 I to say `unknown`: hold a root, or the information.",
       .parameters = {{"steps", 10, "number of steps", 3, 100}},
-      .measure = measure};
+      .measure = measure,
+      .mathematics =
+          "P held:  ||dP|| <= c u k(Re) ||P+|| / cos^2,  cos^2 = ||P+|| / (||A P A' + B Q B'||)\n"
+          "S held:  ||dS|| <= c u (1 + k(Re)^{1/2}) ||S+|| / cos\n"
+          "P0 = a I,  p = 1:  k(Re) = 1,  1/cos^2 ~ a/R\n"
+          "T held:  ||dT|| <= c u (k(A) + k(R^{1/2}) + (t_1/t_m) (k(Q^{1/2}) + k(A))) ||T+|| / cos3"};
 }
 
 }  // namespace kfstab::experiments::claims

@@ -183,8 +183,8 @@ TEST(AllClaims, AreInTheLedgersOrderAndSayWhatTheyAre) {
     EXPECT_GT(claim.number, number) << claim.id;
     number = claim.number;
     EXPECT_TRUE(ids.insert(claim.id).second) << claim.id;
-    for (const std::string* text :
-         {&claim.title, &claim.statement, &claim.source, &claim.setup, &claim.prediction, &claim.meaning})
+    for (const std::string* text : {&claim.title, &claim.statement, &claim.source, &claim.setup, &claim.prediction,
+                                    &claim.meaning, &claim.mathematics})
       EXPECT_FALSE(text->empty()) << claim.id;
     for (const Parameter& p : claim.parameters) {
       EXPECT_FALSE(p.name.empty() || p.meaning.empty()) << claim.id;
