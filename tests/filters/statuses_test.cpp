@@ -73,8 +73,8 @@ struct Snapshot {
 
 template <class X>
 bool same_bits(const X& a, const X& b) {
-  return a.size() == b.size() &&
-         std::memcmp(a.data(), b.data(), sizeof(double) * static_cast<std::size_t>(a.size())) == 0;
+  if (a.size() != b.size()) return false;
+  return a.size() == 0 || std::memcmp(a.data(), b.data(), sizeof(double) * static_cast<std::size_t>(a.size())) == 0;
 }
 
 void expect_same_bits(const Snapshot& a, const Snapshot& b, const char* when) {
