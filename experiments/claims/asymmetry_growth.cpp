@@ -240,7 +240,7 @@ Claim asymmetry_growth() {
                         "step by step.",
           .meaning = "The stability of the filter says nothing about its asymmetry. Symmetrise, or compute one triangle.",
           .parameters = {{"r", 1.2, "modulus of the eigenvalues of A in the figure", 1.02, 2},
-                         {"systems", 20, "number of random systems", 1, 1000},
+                         {"systems", 20, "number of random systems", 1, 1000, 3},
                          {"seed", 1, "seed of the first random system", 0, 1e15}},
           .measure = measure,
           .mathematics = "D+ = F D F'  in (i)\n"

@@ -212,7 +212,7 @@ Claim innovation_conditioning() {
           .meaning = "With accurate, nearly dependent measurements hold a root: it keeps twice as many digits of what is lost. "
                      "Joseph's form saves the covariance, not the gain.",
           .parameters = {{"decades", 7, "largest condition number of Re^1/2, as a power of ten", 4, 7},
-                         {"frames", 30, "random frames at each condition number", 5, 1000},
+                         {"frames", 30, "random frames at each condition number", 5, 1000, 10},
                          {"seed", 1, "seed of the random frames", 0, 1e15}},
           .measure = measure,
           .mathematics = "||dP|| <= c u k(Re) ||P+|| / cos^2\n"
