@@ -1,0 +1,259 @@
+#include <kfstab/properties/subject.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include <fmt/format.h>
+
+#include <kfstab/filters/registry.hpp>
+#include <kfstab/properties/data.hpp>
+
+namespace kfstab::properties {
+
+namespace {
+
+/// The steps of a system's data, or steps without any.
+class Feed {
+ public:
+  explicit Feed(const Data* data) : stream_(data ? data->open() : nullptr) {}
+
+  void next() { step_ = stream_ ? &stream_->next() : nullptr; }
+  const Vector<double>* y() const { return step_ ? &step_->y : nullptr; }
+  const Vector<double>* u() const { return step_ && step_->u.size() > 0 ? &step_->u : nullptr; }
+
+ private:
+  std::unique_ptr<DataStream> stream_;
+  const StepData* step_ = nullptr;
+};
+
+bool some_missing(const System& system) {
+  if (!system.data) return false;
+  Feed feed(system.data.get());
+  for (std::int64_t k = 0; k < system.steps; ++k) {
+    feed.next();
+    if (feed.y()->hasNaN()) return true;
+  }
+  return false;
+}
+
+// --- the registry's door ------------------------------------------------------------------------------------------------
+
+class BuiltIn final : public Subject {
+ public:
+  explicit BuiltIn(std::unique_ptr<AnyFilter<double>> filter) : filter_(std::move(filter)) {
+    const Metadata& metadata = filter_->metadata();
+    traits_.name = metadata.id;
+    traits_.instant = metadata.instant;
+    traits_.gain = metadata.gain;
+    traits_.needs = metadata.needs;
+    // A filter that remembers its model cannot be told that a row of C is gone.
+    traits_.measurement_every_step = metadata.needs.time_invariant;
+    traits_.takes = metadata.takes;
+    traits_.holds = metadata.holds;
+    traits_.asymmetry = metadata.asymmetry;
+  }
+
+  const Traits& traits() const override { return traits_; }
+
+  Ending run(const System& system, const std::function<bool(std::int64_t, const Answer&)>& each) override {
+    if (const auto why = refusal(traits_, system)) return {Ending::Kind::refused, -1, why->reason};
+    if (some_missing(system)) return run_complete(with_every_measurement(system), each);
+    return run_complete(system, each);
+  }
+
+ private:
+  Ending run_complete(const System& system, const std::function<bool(std::int64_t, const Answer&)>& each) {
+    const auto converted = problem(system, traits_.takes);
+    if (const auto* why = std::get_if<Refusal>(&converted)) return {Ending::Kind::refused, -1, why->reason};
+    filter_->start(std::get<AnyProblem<double>>(converted));
+    Feed feed(system.data.get());
+    Answer answer;
+    answer.holds = traits_.holds;
+    for (std::int64_t k = 0; k < system.steps; ++k) {
+      feed.next();
+      const Step<double> step = filter_->step(k, feed.y(), feed.u());
+      if (!step.report) return {Ending::Kind::refused, k, kfstab::name(step.report.status)};
+      if (step.held) answer.held = *step.held;
+      if (step.gain) answer.gain = *step.gain;
+      if (step.state) answer.state = *step.state;
+      if (!each(k, answer)) break;
+    }
+    return {};
+  }
+
+  std::unique_ptr<AnyFilter<double>> filter_;
+  Traits traits_;
+};
+
+// --- filters that are driven step by step -------------------------------------------------------------------------------
+
+/// The rows of y that are there, and what belongs to them of C and R.
+struct Measured {
+  Matrix<double> C, R;
+  Vector<double> y;
+
+  Measured(const Matrix<double>& all_C, const Matrix<double>& all_R, const Vector<double>& all_y) {
+    std::vector<Index> there;
+    for (Index i = 0; i < all_y.size(); ++i)
+      if (!std::isnan(all_y(i))) there.push_back(i);
+    const auto p = static_cast<Index>(there.size());
+    C.resize(p, all_C.cols());
+    R.resize(p, p);
+    y.resize(p);
+    for (Index i = 0; i < p; ++i) {
+      const Index row = there[static_cast<std::size_t>(i)];
+      C.row(i) = all_C.row(row);
+      y(i) = all_y(row);
+      for (Index j = 0; j < p; ++j) R(i, j) = all_R(row, there[static_cast<std::size_t>(j)]);
+    }
+  }
+};
+
+std::string shape(const char* what, Index rows, Index cols, Index expected_rows, Index expected_cols) {
+  return fmt::format("{} is {} x {}, expected {} x {}", what, rows, cols, expected_rows, expected_cols);
+}
+
+/// What is wrong with an answer, or nothing.
+std::optional<std::string> wrong(const Answer& answer, const Traits& traits, Index n, Index p) {
+  if (answer.holds != Held::gain) {
+    const char* name = holds_root(answer.holds) ? "S" : "P";
+    if (answer.held.rows() != n || answer.held.cols() != n) return shape(name, answer.held.rows(), answer.held.cols(), n, n);
+    if (!answer.held.allFinite()) return fmt::format("{} holds a NaN or an infinity", name);
+  }
+  if (answer.state) {
+    if (answer.state->size() != n) return fmt::format("x has {} entries, expected {}", answer.state->size(), n);
+    if (!answer.state->allFinite()) return "x holds a NaN or an infinity";
+  }
+  if (answer.gain && traits.gain) {
+    if (answer.gain->rows() != n || answer.gain->cols() != p) return shape("K", answer.gain->rows(), answer.gain->cols(), n, p);
+    if (!answer.gain->allFinite()) return "K holds a NaN or an infinity";
+  }
+  if (answer.log_likelihood && !std::isfinite(*answer.log_likelihood)) return "loglik is not finite";
+  return std::nullopt;
+}
+
+class SteppedSubject final : public Subject {
+ public:
+  explicit SteppedSubject(std::unique_ptr<StepwiseFilter> filter) : filter_(std::move(filter)) {}
+
+  const Traits& traits() const override { return filter_->traits(); }
+
+  Ending run(const System& system, const std::function<bool(std::int64_t, const Answer&)>& each) override {
+    if (const auto why = refusal(traits(), system)) return {Ending::Kind::refused, -1, why->reason};
+    const auto converted = problem(system, Parametrisation::covariance);
+    if (const auto* why = std::get_if<Refusal>(&converted)) return {Ending::Kind::refused, -1, why->reason};
+    const auto& numbers = std::get<Problem<CovarianceModel<double>>>(std::get<AnyProblem<double>>(converted));
+    if (auto ended = filter_->start(numbers.dimensions(), numbers.x0, numbers.initial)) {
+      ended->step = -1;
+      return *std::move(ended);
+    }
+    // Without data each y is what a filter expects least to matter.
+    const Vector<double> no_y = Vector<double>::Zero(system.C.rows());
+    Feed feed(system.data.get());
+    for (std::int64_t k = 0; k < system.steps; ++k) {
+      feed.next();
+      auto stepped = step(numbers.model(k), feed.y() ? *feed.y() : no_y, feed.u());
+      if (auto* ended = std::get_if<Ending>(&stepped)) {
+        ended->step = k;
+        return std::move(*ended);
+      }
+      if (!each(k, std::get<Answer>(stepped))) break;
+    }
+    return {};
+  }
+
+ private:
+  std::variant<Answer, Ending> step(const CovarianceModel<double>& model, const Vector<double>& y, const Vector<double>* u) {
+    const Matrix<double>* D = u ? &model.D : nullptr;
+    // With no entry left there is no measurement; C and R are sent all the same.
+    const bool none = y.size() == 0 || y.array().isNaN().all();
+    if (none || !y.hasNaN())
+      return checked(filter_->step({model.A, model.B, model.C, model.Q, model.R, D, u, none ? nullptr : &y}), model.A.rows(),
+                     model.C.rows(), none);
+    const Measured measured(model.C, model.R, y);
+    return checked(filter_->step({model.A, model.B, measured.C, model.Q, measured.R, D, u, &measured.y}), model.A.rows(),
+                   measured.C.rows(), false);
+  }
+
+  std::variant<Answer, Ending> checked(std::variant<Answer, Ending> stepped, Index n, Index p, bool no_measurement) const {
+    auto* answer = std::get_if<Answer>(&stepped);
+    if (!answer) return stepped;
+    // A gain means nothing where nothing was measured, whatever its shape.
+    if (no_measurement) answer->gain.reset();
+    if (auto why = wrong(*answer, traits(), n, p)) return Ending{Ending::Kind::no_answer, -1, *std::move(why)};
+    return stepped;
+  }
+
+  std::unique_ptr<StepwiseFilter> filter_;
+};
+
+}  // namespace
+
+std::unique_ptr<Subject> subject(std::unique_ptr<StepwiseFilter> filter) {
+  return std::make_unique<SteppedSubject>(std::move(filter));
+}
+
+std::unique_ptr<Subject> built_in(std::string_view id) { return built_in(make_filter<double>(id)); }
+
+std::unique_ptr<Subject> built_in(std::unique_ptr<AnyFilter<double>> filter) {
+  return std::make_unique<BuiltIn>(std::move(filter));
+}
+
+System with_every_measurement(const System& system) {
+  if (!some_missing(system)) return system;
+  System complete = system;
+  const auto steps = static_cast<std::size_t>(system.steps);
+  const Index p = system.C.rows();
+  std::vector<Matrix<double>> C, R;
+  Matrix<double> y(p, system.steps), u(system.inputs(), system.steps);
+  Feed feed(system.data.get());
+  for (std::size_t k = 0; k < steps; ++k) {
+    const auto step = static_cast<std::int64_t>(k);
+    feed.next();
+    C.push_back(system.C.at(step));
+    R.push_back(system.R.value.at(step));
+    y.col(step) = *feed.y();
+    if (feed.u()) u.col(step) = *feed.u();
+    for (Index i = 0; i < p; ++i) {
+      if (!std::isnan(y(i, step))) continue;
+      y(i, step) = 0;
+      C.back().row(i).setZero();
+    }
+  }
+  // A root of R keeps its rows: with C_i = 0 and no innovation in y_i it would still correlate, so R is taken as a covariance.
+  if (system.R.written == Covariance::Written::root) {
+    const auto converted = problem(system, Parametrisation::covariance);
+    if (const auto* why = std::get_if<Refusal>(&converted)) throw std::invalid_argument(why->reason);
+    const auto& numbers = std::get<Problem<CovarianceModel<double>>>(std::get<AnyProblem<double>>(converted));
+    for (std::size_t k = 0; k < steps; ++k) R[k] = numbers.model(static_cast<std::int64_t>(k)).R;
+    complete.R.written = Covariance::Written::covariance;
+  }
+  Feed again(system.data.get());
+  for (std::size_t k = 0; k < steps; ++k) {
+    again.next();
+    for (Index i = 0; i < p; ++i) {
+      if (!std::isnan((*again.y())(i))) continue;
+      R[k].row(i).setZero();
+      R[k].col(i).setZero();
+      R[k](i, i) = 1;
+    }
+  }
+  complete.C = Sequence(Sequence::Kind::list, std::move(C));
+  complete.R.value = Sequence(Sequence::Kind::list, std::move(R));
+  complete.data = std::make_shared<Recorded>(std::move(y), std::move(u));
+  return complete;
+}
+
+std::optional<Refusal> refusal(const Traits& traits, const System& system) {
+  Metadata needs;
+  needs.id = traits.name;
+  needs.needs = traits.needs;
+  if (auto why = refusal(needs, system)) return why;
+  if (traits.measurement_every_step && some_missing(system))
+    return Refusal{traits.name + " needs a measurement at every step: some are missing"};
+  return std::nullopt;
+}
+
+}  // namespace kfstab::properties
