@@ -385,6 +385,20 @@ std::optional<Counterexample> smallest_failure(const rc::Gen<System>& gen, const
   return std::nullopt;
 }
 
+std::pair<System, std::size_t> smallest_of(const System& failing, const Options& options,
+                                           const std::function<bool(const System&)>& fails) {
+  return rc::shrinkable::findLocalMin(rc::shrinkable::shrinkRecur(failing, Shrinks{options}), fails);
+}
+
+std::vector<std::string> classes(const System& system) {
+  std::vector<std::string> names;
+  const Dimensions size = system.dimensions();
+  if (size.n == 1) names.emplace_back("n = 1");
+  if (size.n >= 3) names.emplace_back("n >= 3");
+  names.emplace_back(size.p < size.n ? "p < n" : size.p == size.n ? "p = n" : "p > n");
+  return names;
+}
+
 System drawn_system(const rc::Gen<System>& gen, std::uint64_t seed, int number, int cases) {
   return draw_numbered(gen, seed, number, cases).value();
 }

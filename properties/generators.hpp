@@ -3,6 +3,9 @@
 #include <cstdint>
 #include <functional>
 #include <optional>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include <rapidcheck/Gen.h>
 
@@ -32,6 +35,8 @@ struct Options {
   bool time_varying = true;
   /// Draw a singular A, Q or P0, each in a sixth of all systems. R is always positive definite.
   bool singular = true;
+  /// Draw data in which entries of y are missing, in a quarter of all systems.
+  bool missing = true;
 };
 
 /// Systems without data. Q, R and P0 are full, diagonal or (not R) singular, each written as a covariance or as a root;
@@ -54,6 +59,13 @@ struct Counterexample {
 /// fails must not throw.
 std::optional<Counterexample> smallest_failure(const rc::Gen<System>& gen, const std::function<bool(const System&)>& fails,
                                                std::uint64_t seed, int cases);
+
+/// The smallest system found that fails, starting from one that does, and how many times it was made smaller.
+std::pair<System, std::size_t> smallest_of(const System& failing, const Options& options,
+                                           const std::function<bool(const System&)>& fails);
+
+/// To which of the classes that a check wants to have seen the system belongs: "n = 1", "p > n", "correlated R" ...
+std::vector<std::string> classes(const System& system);
 
 /// System number k of a seed, as smallest_failure tries it.
 System drawn_system(const rc::Gen<System>& gen, std::uint64_t seed, int number, int cases);

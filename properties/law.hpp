@@ -1,53 +1,26 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <optional>
+#include <string>
 #include <string_view>
 #include <vector>
 
-#include <kfstab/filters/any_filter.hpp>
+#include <kfstab/properties/bench.hpp>
 #include <kfstab/properties/precise.hpp>
-#include <kfstab/properties/system.hpp>
 
-/// Laws: what holds of every step of every correct filter, whatever the system, up to rounding. A law needs no reference
-/// trajectory: it looks at one step, at what the filter held before it and after it, in 100 digits.
+/// Laws: what holds of every correct filter, whatever the system, up to rounding.
 namespace kfstab::properties {
 
-/// A step of a filter that holds P or S and predicts: P is P_{k|k-1} before it, P_plus P_{k+1|k} after it, of a root the
-/// product SS' without rounding. P may be unsymmetric where the filter lets it be.
-struct CovarianceStep {
-  Precise A, B, C, Q, R;
-  Precise P, P_plus;
-  Precise gain;  ///< A P C' Re^{-1} or P C' Re^{-1}: filter.gain
-  Precise Re;    ///< R + C P C'
-
-  /// (|R| + |C|^2 |P|) |Re^{-1}|, Frobenius norms: by how much an inverse of Re enlarges the error with which Re is formed.
-  /// Not less than k(Re), and far more where C hardly sees what is large in P. Infinite if Re is singular.
-  double innovation_condition() const;
-};
-
-/// A step of a filter that holds Y = P_{k|k}^{-1}, or T, Y = T'T without rounding, and has the gain P_{k|k} C' R^{-1}. C and R are those of step k; A^{-1}
-/// B and Q, and Y_before, are of step k - 1, and of no meaning at k = 0, where there is no time update.
-struct InformationStep {
-  Precise A_inverse, A_inverse_B, C, Q_inverse_root, R_inverse_root;
-  Precise Y_before, Y;
-  Precise gain;
-};
-
-/// One step as a law sees it.
-struct ObservedStep {
-  const Metadata& filter;
-  Dimensions size;
-  std::int64_t k;
-  std::optional<CovarianceStep> covariance;
-  std::optional<InformationStep> information;
-
-  /// u (n + m + p), the size of a rounding error to be expected where nothing is ill-conditioned.
-  double rounding() const {
-    return unit_roundoff<double>() * static_cast<double>(size.n + size.m + size.p);
-  }
-  /// error / (u (n + m + p) kappa scale), what a law gives; nothing where numbers are so small that underflow decides.
-  std::optional<double> ratio(double error, double kappa, double scale) const;
+/// How a law fared on a system.
+struct Finding {
+  /// error / (u (n + m + p) kappa scale), as the law's tolerance says: the law holds up to largest_ratio. 0 or infinite where
+  /// a law is about bits. A NaN counts as infinite.
+  double ratio = 0;
+  std::int64_t step = -1;  ///< at which step that was; -1 where it is of none
+  /// What was found and what was expected there, in numbers; may be empty where the law holds.
+  std::string what;
 };
 
 /// A law, one a file in properties/laws. CMake lists the files: laws/NAME.cpp defines Law NAME() in namespace laws.
@@ -56,42 +29,68 @@ struct Law {
   std::string_view statement;    ///< in the notation of docs/theory.md
   std::string_view assumptions;  ///< where it applies
   std::string_view source;
-  std::string_view tolerance;    ///< what the error is divided by, as a formula
-  std::string_view failure;      ///< what a failure means, and where to look
-  /// error / (u (n + m + p) kappa scale) of the step; nothing where the law does not apply. The law holds up to 30.
-  std::optional<double> (*ratio)(const ObservedStep& step);
+  std::string_view tolerance;  ///< what the error is divided by, as a formula
+  std::string_view failure;    ///< what a failure means, and where to look
+  /// Whether it asks what was true (the certified reference), or is content with the subject's own answers.
+  bool reference = false;
+  /// Nothing where the law does not apply to the system or to what the subject answers.
+  std::optional<Finding> (*examine)(Bench& bench, const System& system);
 };
 
 /// One threshold for all laws, LAPACK's: constants of proportion are well below it, bugs far above.
 inline constexpr double largest_ratio = 30;
 
-/// Every law there is.
+/// Every law there is, in the order of their ids.
 std::vector<Law> all_laws();
 
-/// How a law fared in a run.
-struct LawResult {
-  Law law;
-  std::int64_t steps = 0;   ///< to how many steps it applied
-  double worst = 0;         ///< the largest ratio; infinite where it was not a number
-  std::int64_t worst_step = -1;
+/// One step of a subject, as laws see it that are about one step: what it was given and what it answered, without rounding.
+struct ObservedStep {
+  const Traits& subject;
+  Dimensions size;
+  std::int64_t k;
 
-  bool holds() const { return worst <= largest_ratio; }
+  /// The model of the measurement that is part of the step, and of the time update that is: A, B and Q are those of step k,
+  /// but of step k - 1 for a filter that starts predicted and answers P_{k|k} (it has none at k = 0).
+  Precise A, B, C, Q, R;
+  bool predicts;  ///< whether the step has a time update: not the first of such a filter
+
+  Precise before;                      ///< P as the step found it: P0, or the answer before
+  Precise prior;                       ///< P_{k|k-1}: that, or A P A' + B Q B' of a filter that answers P_{k|k}
+  Precise P;                           ///< the answer: P_{k+1|k} or P_{k|k}
+  Precise Re;                          ///< R + C prior C'
+  std::optional<Precise> information;  ///< P^{-1} as the filter holds it, Y or T'T
+  std::optional<Precise> gain;         ///< as answered
+
+  /// Of a run with data: x as the step found it, x_{k|k-1}, the answer, y_k; n x 1 and p x 1. Du: D u, of the time update.
+  std::optional<Precise> x_before, x_prior, x, y, Du;
+
+  /// What the step's answer would be if P_{k|k} were X: A X A' + B Q B', or X itself.
+  Precise after(const Precise& X) const;
+  /// The gain as answered brought to P C' Re^{-1}; nothing where there is none, or a predictor gain and a singular A.
+  bool answers_predicted() const { return subject.instant == Instant::predicted; }
+
+  /// u (n + m + p), the size of a rounding error to be expected where nothing is ill-conditioned.
+  double rounding() const { return subject.roundoff * static_cast<double>(size.n + size.m + size.p); }
+  /// error / (u (n + m + p) kappa scale), what a law gives; nothing where numbers are so small that underflow decides.
+  std::optional<double> ratio(double error, double kappa, double scale) const;
+
+  /// (|R| + |C|^2 |P|) |Re^{-1}|, Frobenius norms, P the prior: by how much an inverse of Re enlarges the error with which Re is
+  /// formed. Not less than k(Re), and far more where C hardly sees what is large in P. Infinite if Re is singular.
+  double innovation_condition() const;
+  /// How large the rounding error of the answered P may be for a filter of the subject's kind, theory 4, absolute, divided by
+  /// u (n + m + p): of the forms that hold P, kappa (|A|^2 |P| + |B|^2 |Q| + |K| |C P A'|) with the condition above for kappa;
+  /// of those that hold a root, 1 + kappa^{1/2} and no last term; of those that hold P^{-1}, what they lose of that, |P|^2 fold.
+  double amplification() const;
 };
 
-struct LawReport {
-  std::vector<LawResult> results;  ///< in the order of all_laws()
-  std::int64_t steps = 0;          ///< that were done
-  Status status = Status::ok;      ///< if not ok: how the step after them failed, which ended the run
+/// Looks at every step of the subject's run that it answered with a P; the worst ratio counts. Nothing if it applies to none.
+std::optional<Finding> worst_step(Bench& bench, const System& system,
+                                  const std::function<std::optional<double>(const ObservedStep&)>& ratio);
 
-  bool all_hold() const;
-};
+/// The steps themselves.
+std::vector<ObservedStep> observed_steps(Bench& bench, const System& system);
 
-/// Runs a filter over the steps of a problem, without data, and asks every law of every step. Breaking down is no
-/// violation of a law: the report says that it happened.
-LawReport check_laws(AnyFilter<double>& filter, const AnyProblem<double>& problem, std::int64_t steps);
-
-/// The same for a filter of the registry; a report of no step if the filter does not apply to the system (refusal() says why).
-/// Throws std::invalid_argument for an unknown id.
-LawReport check_laws(std::string_view filter_id, const System& system);
+/// P of an answer, from a factor without rounding; nothing where it holds none, or an information matrix that is singular.
+std::optional<Precise> covariance(const Answer& answer);
 
 }  // namespace kfstab::properties

@@ -119,7 +119,8 @@ std::string shape(const char* what, Index rows, Index cols, Index expected_rows,
 std::optional<std::string> wrong(const Answer& answer, const Traits& traits, Index n, Index p) {
   if (answer.holds != Held::gain) {
     const char* name = holds_root(answer.holds) ? "S" : "P";
-    if (answer.held.rows() != n || answer.held.cols() != n) return shape(name, answer.held.rows(), answer.held.cols(), n, n);
+    if (answer.held.rows() != n || answer.held.cols() != n)
+      return shape(name, answer.held.rows(), answer.held.cols(), n, n);
     if (!answer.held.allFinite()) return fmt::format("{} holds a NaN or an infinity", name);
   }
   if (answer.state) {
@@ -127,7 +128,8 @@ std::optional<std::string> wrong(const Answer& answer, const Traits& traits, Ind
     if (!answer.state->allFinite()) return "x holds a NaN or an infinity";
   }
   if (answer.gain && traits.gain) {
-    if (answer.gain->rows() != n || answer.gain->cols() != p) return shape("K", answer.gain->rows(), answer.gain->cols(), n, p);
+    if (answer.gain->rows() != n || answer.gain->cols() != p)
+      return shape("K", answer.gain->rows(), answer.gain->cols(), n, p);
     if (!answer.gain->allFinite()) return "K holds a NaN or an infinity";
   }
   if (answer.log_likelihood && !std::isfinite(*answer.log_likelihood)) return "loglik is not finite";
@@ -165,19 +167,21 @@ class SteppedSubject final : public Subject {
   }
 
  private:
-  std::variant<Answer, Ending> step(const CovarianceModel<double>& model, const Vector<double>& y, const Vector<double>* u) {
+  std::variant<Answer, Ending> step(const CovarianceModel<double>& model, const Vector<double>& y,
+                                    const Vector<double>* u) {
     const Matrix<double>* D = u ? &model.D : nullptr;
     // With no entry left there is no measurement; C and R are sent all the same.
     const bool none = y.size() == 0 || y.array().isNaN().all();
     if (none || !y.hasNaN())
-      return checked(filter_->step({model.A, model.B, model.C, model.Q, model.R, D, u, none ? nullptr : &y}), model.A.rows(),
-                     model.C.rows(), none);
+      return checked(filter_->step({model.A, model.B, model.C, model.Q, model.R, D, u, none ? nullptr : &y}),
+                     model.A.rows(), model.C.rows(), none);
     const Measured measured(model.C, model.R, y);
-    return checked(filter_->step({model.A, model.B, measured.C, model.Q, measured.R, D, u, &measured.y}), model.A.rows(),
-                   measured.C.rows(), false);
+    return checked(filter_->step({model.A, model.B, measured.C, model.Q, measured.R, D, u, &measured.y}),
+                   model.A.rows(), measured.C.rows(), false);
   }
 
-  std::variant<Answer, Ending> checked(std::variant<Answer, Ending> stepped, Index n, Index p, bool no_measurement) const {
+  std::variant<Answer, Ending> checked(std::variant<Answer, Ending> stepped, Index n, Index p,
+                                       bool no_measurement) const {
     auto* answer = std::get_if<Answer>(&stepped);
     if (!answer) return stepped;
     // A gain means nothing where nothing was measured, whatever its shape.

@@ -45,8 +45,8 @@ struct Traits {
 
 /// What a filter has after a step.
 struct Answer {
-  Held holds = Held::covariance;  ///< what `held` is: P; S, square and full or lower, P = SS' ...
-  Matrix<double> held;            ///< 0 x 0 from a filter that holds nothing of P (Held::gain)
+  Held holds = Held::covariance;       ///< what `held` is: P; S, square and full or lower, P = SS' ...
+  Matrix<double> held;                 ///< 0 x 0 from a filter that holds nothing of P (Held::gain)
   std::optional<Matrix<double>> gain;  ///< n x p: Traits::gain
   std::optional<Vector<double>> state;
   std::optional<double> log_likelihood;
@@ -84,14 +84,14 @@ class Subject {
 
 /// What a filter is sent at a step by protocol 1. Valid during the call.
 struct StepInput {
-  const Matrix<double>& A;  ///< n x n
-  const Matrix<double>& B;  ///< n x m
-  const Matrix<double>& C;  ///< p x n; p may change from step to step
-  const Matrix<double>& Q;  ///< m x m
-  const Matrix<double>& R;  ///< p x p
-  const Matrix<double>* D = nullptr;   ///< n x inputs, with u
+  const Matrix<double>& A;            ///< n x n
+  const Matrix<double>& B;            ///< n x m
+  const Matrix<double>& C;            ///< p x n; p may change from step to step
+  const Matrix<double>& Q;            ///< m x m
+  const Matrix<double>& R;            ///< p x p
+  const Matrix<double>* D = nullptr;  ///< n x inputs, with u
   const Vector<double>* u = nullptr;
-  const Vector<double>* y = nullptr;   ///< null: the measurement is missing, C and R are of no meaning
+  const Vector<double>* y = nullptr;  ///< null: the measurement is missing, C and R are of no meaning
 };
 
 /// A filter that is driven step by step, as protocol 1 and its likes do. Matrices are covariances.

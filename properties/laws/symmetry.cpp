@@ -1,5 +1,6 @@
 #include <kfstab/properties/law.hpp>
 
+#include <algorithm>
 #include <cmath>
 
 namespace kfstab::properties::laws {
@@ -7,9 +8,9 @@ namespace kfstab::properties::laws {
 namespace {
 
 /// What one step makes of the asymmetry D = P - P', to first order: theory 3. Re is taken as computed, unsymmetric.
-Precise propagated(Asymmetry coding, const CovarianceStep& s, const Precise& D) {
+Precise propagated(Asymmetry coding, const ObservedStep& s, const Precise& D) {
   const Precise A_D = s.A * D * s.A.transposed();
-  const Precise KC = s.gain * s.C;
+  const Precise KC = *s.gain * s.C;
   const Precise F = s.A - KC;
   const auto through = [&D](const Precise& X) { return X * D * X.transposed(); };
   switch (coding) {
@@ -23,36 +24,48 @@ Precise propagated(Asymmetry coding, const CovarianceStep& s, const Precise& D) 
   return D - D;
 }
 
-std::optional<double> ratio(const ObservedStep& step) {
+std::optional<double> ratio(const ObservedStep& s) {
   // P = SS' and P^{-1} = T'T are symmetric whatever S and T are.
-  if (!step.covariance || step.filter.holds != Held::covariance || step.size.n == 0) return std::nullopt;
-  const CovarianceStep& s = *step.covariance;
-  const Precise D_plus = s.P_plus - s.P_plus.transposed();
-  if (step.filter.asymmetry == Asymmetry::none) return step.ratio(D_plus.norm(), 1, s.P_plus.norm());
-  const Precise D = s.P - s.P.transposed();
-  const double kappa = s.innovation_condition(), A = s.A.norm(), P = s.P.norm(), B = s.B.norm();
+  if (s.subject.holds != Held::covariance || s.size.n == 0) return std::nullopt;
+  const Precise D_plus = s.P - s.P.transposed(), D = s.before - s.before.transposed();
+  const auto coding = s.subject.asymmetry;
+  if (coding == Asymmetry::none) return s.ratio(D_plus.norm(), 1, s.P.norm());
+  const double kappa = s.innovation_condition(), A = s.A.norm(), P = s.before.norm(), B = s.B.norm();
+  if (!coding) {
+    // Of no coding is D+ larger than 2 A D A' + F D F', |F| <= |A| (1 + kappa).
+    const double carried = (2 * A * A + std::pow(A * (1 + kappa), 2)) * D.norm();
+    return s.ratio(std::max(0.0, D_plus.norm() - carried), 1, s.amplification());
+  }
+  if (!s.gain) return std::nullopt;
   // Beyond this D^2 counts, and the map is no longer what happens.
   if (!(D.norm() * kappa <= std::ldexp(P, -30))) return std::nullopt;
   // An error of the gain, u kappa K, enters P+ unsymmetrically by K C P A'.
-  const double scale = A * A * P + B * B * s.Q.norm() + s.gain.norm() * s.C.norm() * P * A;
-  return step.ratio((D_plus - propagated(step.filter.asymmetry, s, D)).norm(), kappa, scale);
+  const double scale = A * A * P + B * B * s.Q.norm() + s.gain->norm() * s.C.norm() * P * A;
+  return s.ratio((D_plus - propagated(*coding, s, D)).norm(), kappa, scale);
 }
+
+std::optional<Finding> examine(Bench& bench, const System& system) { return worst_step(bench, system, ratio); }
 
 }  // namespace
 
 Law symmetry() {
   return {
       .id = "symmetry",
-      .statement = "P+ = P+'; where a coding lets P lose its symmetry: P+ - P+' is what the coding makes of P - P', by its "
-                   "formula (i) to (v), and no more than rounding besides",
-      .assumptions = "filters that hold P; of the unsymmetrised ones, steps with |P - P'| kappa <= 2^-30 |P|, where the formulas, "
-                     "of first order, hold",
+      .statement =
+          "P+ = P+'; where a coding lets P lose its symmetry: P+ - P+' is what the coding makes of P - P', by its "
+          "formula (i) to (v), and no more than rounding besides",
+      .assumptions =
+          "filters that hold P; of the unsymmetrised ones, steps with |P - P'| kappa <= 2^-30 |P|, where the formulas, "
+          "of first order, hold",
       .source = "theory 3, after Verhaegen and Van Dooren 1986",
-      .tolerance = "30 u (n+m+p) |P+|; unsymmetrised: 30 u (n+m+p) kappa (|A|^2 |P| + |B|^2 |Q| + |K| |C| |P| |A|), "
-                   "kappa = (|R| + |C|^2 |P|) |Re^{-1}|",
-      .failure = "One half of P+ was computed in another way than the other, or a triangle was not copied. Of an unsymmetrised "
-                 "coding: it is not the coding that its metadata name.",
-      .ratio = ratio};
+      .tolerance =
+          "30 u (n+m+p) |P+|; unsymmetrised: 30 u (n+m+p) kappa (|A|^2 |P| + |B|^2 |Q| + |K| |C| |P| |A|), "
+          "kappa = (|R| + |C|^2 |P|) |Re^{-1}|",
+      .failure =
+          "One half of P+ was computed in another way than the other, or a triangle was not copied. Of an "
+          "unsymmetrised "
+          "coding: it is not the coding that its metadata name.",
+      .examine = examine};
 }
 
 }  // namespace kfstab::properties::laws

@@ -1,0 +1,220 @@
+#include <kfstab/properties/bench.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include <kfstab/properties/data.hpp>
+#include <kfstab/properties/precise.hpp>
+#include <kfstab/reference/bounds.hpp>
+#include <kfstab/reference/trajectory.hpp>
+
+namespace kfstab::properties {
+
+namespace {
+
+constexpr double not_a_number = std::numeric_limits<double>::quiet_NaN();
+
+bool same(const Sequence& a, const Sequence& b) {
+  return a.kind == b.kind && a.rows() == b.rows() && a.cols() == b.cols() && a.matrices == b.matrices;
+}
+
+bool same(const Covariance& a, const Covariance& b) { return a.written == b.written && same(a.value, b.value); }
+
+/// NaNs, which stand for what is missing, are equal here.
+bool same(const Vector<double>& a, const Vector<double>& b) {
+  return a.size() == b.size() && std::equal(a.begin(), a.end(), b.begin(), [](double x, double y) {
+           return x == y || (std::isnan(x) && std::isnan(y));
+         });
+}
+
+bool same_data(const System& a, const System& b) {
+  if (a.data == b.data) return true;
+  if (!a.data || !b.data) return false;
+  const auto first = a.data->open(), second = b.data->open();
+  for (std::int64_t k = 0; k < a.steps; ++k) {
+    const StepData &x = first->next(), &y = second->next();
+    if (!same(x.y, y.y) || !same(x.u, y.u)) return false;
+  }
+  return true;
+}
+
+/// The matrices of a run, one a step.
+std::vector<Matrix<double>> unrolled(const Sequence& sequence, std::int64_t steps) {
+  std::vector<Matrix<double>> all;
+  for (std::int64_t k = 0; k < steps; ++k) all.push_back(sequence.at(k));
+  return all;
+}
+
+double norm_of_inverse(const Covariance& R, std::int64_t k) {
+  const Precise X(R.value.at(k));
+  const auto inverse = (R.written == Covariance::Written::root ? X * X.transposed() : X).inverse();
+  return inverse ? inverse->norm() : std::numeric_limits<double>::infinity();
+}
+
+}  // namespace
+
+bool same_numbers(const System& a, const System& b) {
+  return a.steps == b.steps && same(a.A, b.A) && same(a.B, b.B) && same(a.C, b.C) && same(a.D, b.D) && same(a.Q, b.Q) &&
+         same(a.R, b.R) && same(a.P0, b.P0) && same(a.x0, b.x0) && same_data(a, b);
+}
+
+System delayed(const System& system) {
+  System later = system;
+  const std::int64_t steps = system.steps;
+  later.steps = steps + 1;
+  const auto list = [](std::vector<Matrix<double>> all) { return Sequence(Sequence::Kind::list, std::move(all)); };
+  // The time update of step k is that after step k now; the last is of no matter.
+  for (Sequence* sequence : {&later.A, &later.B, &later.D, &later.Q.value}) {
+    auto all = unrolled(*sequence, steps);
+    all.push_back(all.back());
+    *sequence = list(std::move(all));
+  }
+  auto C = unrolled(system.C, steps), R = unrolled(system.R.value, steps);
+  C.insert(C.begin(), Matrix<double>::Zero(system.C.rows(), system.C.cols()));
+  R.insert(R.begin(), R.front());
+  later.C = list(std::move(C));
+  later.R.value = list(std::move(R));
+  if (system.data) {
+    Matrix<double> y = Matrix<double>::Zero(system.C.rows(), later.steps),
+                   u = Matrix<double>::Zero(system.inputs(), later.steps);
+    const auto stream = system.data->open();
+    for (std::int64_t k = 0; k < steps; ++k) {
+      const StepData& step = stream->next();
+      y.col(k + 1) = step.y;
+      if (step.u.size() > 0) u.col(k) = step.u;
+    }
+    later.data = std::make_shared<Recorded>(std::move(y), std::move(u));
+  }
+  return later;
+}
+
+// --- truths -------------------------------------------------------------------------------------------------------------
+
+std::shared_ptr<const std::vector<reference::Truth>> Truths::of(const System& system, Parametrisation takes) {
+  for (const Entry& entry : entries_)
+    if (entry.takes == takes && same_numbers(entry.system, system)) return entry.truths;
+  auto truths = std::make_shared<std::vector<reference::Truth>>();
+  const System complete = with_every_measurement(system);
+  const auto converted = problem(complete, takes);
+  if (const auto* numbers = std::get_if<AnyProblem<double>>(&converted)) {
+    try {
+      reference::Trajectory trajectory(*numbers, complete.data, {.digits = 20});
+      for (std::int64_t k = 0; k < complete.steps; ++k) {
+        trajectory.advance();
+        truths->push_back(trajectory.truth());
+      }
+    } catch (const reference::ReferenceError&) {
+      // Beyond here nothing is known.
+    }
+  }
+  entries_.push_back({system, takes, truths});
+  return truths;
+}
+
+const Matrix<double>& Course::P(std::int64_t k) const {
+  return instant_ == Instant::predicted ? truth(k).P_next : truth(k).P_filtered;
+}
+const Matrix<double>& Course::K(std::int64_t k) const {
+  return gain_ == GainKind::predictor ? truth(k).predictor_gain : truth(k).filter_gain;
+}
+const Vector<double>& Course::x(std::int64_t k) const {
+  return instant_ == Instant::predicted ? truth(k).x_next : truth(k).x_filtered;
+}
+
+const Course& Bench::course(const System& system) {
+  for (const auto& [known, course] : courses_)
+    if (same_numbers(known, system)) return *course;
+  const Traits& t = traits();
+  auto course = std::make_unique<Course>();
+  course->instant_ = t.instant;
+  course->gain_ = t.gain.value_or(GainKind::predictor);
+  course->offset_ = t.starts_predicted ? 0 : 1;
+  const System run = t.starts_predicted ? system : delayed(system);
+  const auto truths = truths_.of(run, t.takes);
+  course->truths_ = *truths;
+
+  // A foreign filter that inverts its model commits the errors of one that is given the inverses.
+  const bool inverts = t.holds == Held::information || t.holds == Held::information_factor;
+  const auto of_form = inverts ? truths_.of(run, Parametrisation::information) : truths;
+  const System complete = with_every_measurement(run);
+  const Dimensions size = system.dimensions();
+  const double rounding = t.roundoff * static_cast<double>(size.n + size.m + size.p);
+  Metadata form;
+  form.holds = t.holds == Held::gain ? Held::covariance : t.holds;
+  form.instant = t.instant;
+  form.gain = course->gain_;
+  reference::FirstOrderBound bound(form, size, t.roundoff);
+  const auto stream = complete.data ? complete.data->open() : nullptr;
+  double x = 0, remembered = 0;
+  for (std::size_t k = 0; k < truths->size(); ++k) {
+    const auto step = static_cast<std::int64_t>(k);
+    const reference::Truth& truth = (*truths)[k];
+    Course::Bounds now{not_a_number, not_a_number, not_a_number};
+    if (k >= of_form->size()) {
+      course->bounds_.push_back(now);
+      continue;
+    }
+    const reference::Truth& formed = (*of_form)[k];
+    const bool predicted = t.instant == Instant::predicted;
+    const Matrix<double>& P = predicted ? truth.P_next : truth.P_filtered;
+    const Matrix<double>& K = course->gain_ == GainKind::predictor ? truth.predictor_gain : truth.filter_gain;
+    const Matrix<double>&A = complete.A.at(step), &C = complete.C.at(step);
+    now.P = bound.advance(formed) * P.norm();
+    now.K = bound.gain(formed, C) * K.norm();
+    if (inverts)  // Kf = P_{k|k} C' R^{-1}
+      now.K = (now.P + rounding * truth.P_filtered.norm()) * C.norm() * norm_of_inverse(complete.R, step) *
+              (course->gain_ == GainKind::predictor ? A.norm() : 1);
+    if (t.holds == Held::gain) {
+      // What it was started with comes off again piece by piece: no error is forgotten, theory 3.
+      remembered += rounding * truth.innovation_condition *
+                    (A.norm() * A.norm() * truth.P_predicted.norm() + truth.P_next.norm()) / std::pow(truth.cosine, 2);
+      now.K = std::max(now.K, remembered * A.norm() * C.norm() * truth.innovation_condition /
+                                  std::max(truth.innovation.norm(), 1e-300));
+      now.P = not_a_number;
+    }
+    if (stream) {
+      const StepData& data = stream->next();
+      const double e = (data.y - C.lazyProduct(truth.x_predicted)).norm();
+      const double Du = data.u.size() > 0 ? complete.D.at(step).norm() * data.u.norm() : 0;
+      const double innovation = data.y.norm() + C.norm() * truth.x_predicted.norm();
+      const double own_K = predicted ? truth.predictor_gain.norm() : truth.filter_gain.norm();
+      const double gain_error = K.norm() > 0 ? now.K / K.norm() * own_K : now.K;
+      const Matrix<double>& F = predicted ? truth.closed_loop : truth.filtered_closed_loop;
+      const double inversion = inverts ? formed.information_amplification * formed.information.norm() * P.norm() : 1;
+      const double moved = predicted ? A.norm() * truth.x_predicted.norm() + Du : truth.x_predicted.norm();
+      x = F.norm() * x + gain_error * e + rounding * inversion * (moved + own_K * innovation);
+      now.x = x;
+      if (!predicted) x += rounding * (A.norm() * truth.x_filtered.norm() + Du);  // of the prediction that comes next
+    }
+    course->bounds_.push_back(now);
+  }
+  courses_.emplace_back(system, std::move(course));
+  return *courses_.back().second;
+}
+
+// --- runs ---------------------------------------------------------------------------------------------------------------
+
+Run Bench::rerun(const System& system) {
+  Run run{system, {}, {}};
+  run.ending = subject_.run(system, [&](std::int64_t, const Answer& answer) {
+    run.answers.push_back(answer);
+    return true;
+  });
+  steps_ += static_cast<std::int64_t>(run.answers.size());
+  return run;
+}
+
+const Run& Bench::run(const System& system) {
+  for (const auto& known : runs_)
+    if (same_numbers(known->system, system)) return *known;
+  return *runs_.emplace_back(std::make_unique<Run>(rerun(system)));
+}
+
+void Bench::forget() {
+  runs_.clear();
+  courses_.clear();
+}
+
+}  // namespace kfstab::properties

@@ -1,0 +1,103 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include <kfstab/properties/subject.hpp>
+#include <kfstab/reference/trajectory.hpp>
+
+/// Where a subject is tried: its runs, and what was true of them, each computed once however many laws ask.
+namespace kfstab::properties {
+
+/// A subject's run of a system.
+struct Run {
+  System system;
+  std::vector<Answer> answers;  ///< of the steps that it did
+  Ending ending;
+};
+
+/// What was true of a system's steps, in the numbers that a subject is given, and how far from it rounding excuses the
+/// subject to be. Truths are certified (reference/trajectory.hpp).
+class Course {
+ public:
+  /// What the subject's answer k is to be compared with. All n x n, n x p, n.
+  const Matrix<double>& P(std::int64_t k) const;
+  const Matrix<double>& K(
+      std::int64_t k) const;  ///< the gain that the subject answers; the predictor's if it answers none
+  const Vector<double>& x(std::int64_t k) const;  ///< empty without data
+  const reference::Truth& truth(std::int64_t k) const { return truths_[static_cast<std::size_t>(k + offset_)]; }
+  /// How many answers there are truths for: all, unless the reference could not go on.
+  std::int64_t steps() const { return static_cast<std::int64_t>(truths_.size()) - offset_; }
+
+  /// First-order bounds of the errors of answer k, absolute, in Frobenius norms: reference/bounds.hpp for the form that the
+  /// subject counts as; u (n + m + p) their constant.
+  double P_bound(std::int64_t k) const { return bounds_[index(k)].P; }
+  double K_bound(std::int64_t k) const { return bounds_[index(k)].K; }
+  double x_bound(std::int64_t k) const { return bounds_[index(k)].x; }
+
+ private:
+  friend class Bench;
+  struct Bounds {
+    double P, K, x;
+  };
+  std::size_t index(std::int64_t k) const { return static_cast<std::size_t>(k + offset_); }
+
+  Instant instant_ = Instant::predicted;
+  GainKind gain_ = GainKind::predictor;
+  std::int64_t offset_ = 0;  ///< a filter that starts from k|k has its first answer after the second step of its course
+  std::vector<reference::Truth> truths_;
+  std::vector<Bounds> bounds_;
+};
+
+/// Truths that several subjects share.
+class Truths {
+ public:
+  struct Entry {
+    System system;
+    Parametrisation takes;
+    std::shared_ptr<const std::vector<reference::Truth>> truths;
+  };
+  /// As many as the reference has answers for.
+  std::shared_ptr<const std::vector<reference::Truth>> of(const System& system, Parametrisation takes);
+  void forget() { entries_.clear(); }
+
+ private:
+  std::vector<Entry> entries_;
+};
+
+class Bench {
+ public:
+  /// Both must outlive the bench.
+  Bench(Subject& subject, Truths& truths) : subject_(subject), truths_(truths) {}
+
+  const Traits& traits() const { return subject_.traits(); }
+
+  /// The subject's run of the system: the one that was asked for before, or a new one. Valid until forget().
+  const Run& run(const System& system);
+  /// A new run, whatever was run before.
+  Run rerun(const System& system);
+  /// What was true, and how precise answers can be. Valid until forget().
+  const Course& course(const System& system);
+
+  /// The subject's steps so far.
+  std::int64_t steps() const { return steps_; }
+  /// Drops what has been run: the next system is another.
+  void forget();
+
+ private:
+  Subject& subject_;
+  Truths& truths_;
+  std::vector<std::unique_ptr<Run>> runs_;
+  std::vector<std::pair<System, std::unique_ptr<Course>>> courses_;
+  std::int64_t steps_ = 0;
+};
+
+/// Whether two systems are the same numbers: model, initial condition, steps and data. What they are called is no matter.
+bool same_numbers(const System& a, const System& b);
+
+/// The system whose filtered quantities at step k + 1 are those that a filter which starts from k|k and predicts first has
+/// after its step k: a step without measurement before all others.
+System delayed(const System& system);
+
+}  // namespace kfstab::properties
