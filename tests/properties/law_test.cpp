@@ -49,7 +49,8 @@ class EveryFilter : public ::testing::TestWithParam<Metadata> {
     // A sixth of all systems each has a singular A, Q or P0, a quarter changes with time: such are not even drawn for a filter
     // that they are not for. What is left is singular by chance.
     EXPECT_LE(report.not_sent, options.cases / 20);
-    EXPECT_LT(report.refused, options.cases / 10);
+    // Most systems say something, also of a form that breaks down early (an information matrix that is nearly singular).
+    EXPECT_LT(report.refused, options.cases / 4);
   }
 };
 
