@@ -76,7 +76,7 @@ class Check {
       ++outcome.cases;
       outcome.max_ratio = std::max(outcome.max_ratio, found->ratio);
       if (found->ratio > largest_ratio && !outcome.failure)
-        outcome.failure = Failure{system, *found, system, number, 0};
+        outcome.failure = Failure{system, *found, system, number, 0, {}};
     }
     const Run& run = bench_.run(system);
     if (run.ending.kind == Ending::Kind::refused) {

@@ -36,6 +36,7 @@ struct Failure {
   System drawn;             ///< as it was before it was made smaller
   int number = -1;          ///< which of the cases; -1 - i for replay[i]
   std::size_t shrinks = 0;  ///< how many times it was made smaller
+  std::vector<std::string> irrelevant;  ///< what of the drawn system turned out not to matter, in words
 };
 
 struct LawOutcome {
