@@ -17,8 +17,8 @@ namespace kfstab::experiments {
 namespace {
 
 using nlohmann::ordered_json;
-using properties::LawOutcome;
 using properties::largest_ratio;
+using properties::LawOutcome;
 using Status = CheckedSubject::Status;
 
 bool is_bad(Status status) { return status == Status::fail || status == Status::unexpected_pass; }
@@ -58,7 +58,8 @@ std::string system_text(const properties::System& system, const std::string& ind
       line += c;
       continue;
     }
-    const bool says_nothing = line.empty() || line.starts_with("name =") || line.starts_with("description =") || line.starts_with("source =");
+    const bool says_nothing =
+        line.empty() || line.starts_with("name =") || line.starts_with("description =") || line.starts_with("source =");
     if (!says_nothing) text += indent + line + "\n";
     line.clear();
   }
@@ -96,7 +97,8 @@ std::string wrapped(const std::string& text, std::size_t indent, std::size_t wid
 
 std::string summary(const CheckedSubject& subject) {
   const properties::CheckReport& r = subject.report;
-  std::string text = fmt::format("{}: {} of {} cases, seed {}, {} steps, {:.1f} s", r.subject.name, r.cases, r.asked, r.seed, r.steps, r.seconds);
+  std::string text = fmt::format("{}: {} of {} cases, seed {}, {} steps, {:.1f} s", r.subject.name, r.cases, r.asked,
+                                 r.seed, r.steps, r.seconds);
   if (r.out_of_time) text += "; out of time: the rest was not tried";
   if (r.interrupted) text += "; interrupted";
   if (r.not_sent > 0) text += fmt::format("; {} outside of what it needs", r.not_sent);
@@ -118,7 +120,8 @@ std::string refusals(const properties::CheckReport& report) {
 std::string names(const CheckedSubject& subject, Status wanted) {
   std::string text;
   for (std::size_t i = 0; i < subject.report.laws.size(); ++i)
-    if (subject.status(i) == wanted) text += fmt::format("{}{}", text.empty() ? "" : ", ", subject.report.laws[i].law.id);
+    if (subject.status(i) == wanted)
+      text += fmt::format("{}{}", text.empty() ? "" : ", ", subject.report.laws[i].law.id);
   return text;
 }
 
@@ -140,24 +143,23 @@ ordered_json subject_json(const CheckedSubject& subject) {
   json["laws"] = ordered_json::array();
   for (std::size_t i = 0; i < r.laws.size(); ++i) {
     const LawOutcome& outcome = r.laws[i];
-    ordered_json law{{"id", outcome.law.id},
-                     {"status", name(subject.status(i))},
-                     {"cases", outcome.cases},
-                     {"max_ratio", number(outcome.max_ratio)},
-                     {"counterexample", nullptr},
-                     {"hint", nullptr}};
+    ordered_json law{{"id", outcome.law.id},      {"status", name(subject.status(i))},
+                     {"cases", outcome.cases},    {"max_ratio", number(outcome.max_ratio)},
+                     {"counterexample", nullptr}, {"hint", nullptr}};
     if (!std::isfinite(outcome.max_ratio)) law["max_ratio_word"] = "inf";
     if (outcome.failure) {
       const properties::Failure& failure = *outcome.failure;
-      law["counterexample"] = {{"system", properties::write_system(failure.system)},
-                               {"ratio", number(failure.finding.ratio)},
-                               {"step", failure.finding.step},
-                               {"what", failure.finding.what},
-                               {"case", failure.number},
-                               {"shrinks", failure.shrinks},
-                               {"irrelevant", failure.irrelevant},
-                               {"file", subject.files.empty() || subject.files[i].empty() ? ordered_json(nullptr) : ordered_json(subject.files[i])},
-                               {"command", again(subject, outcome, subject.files.empty() ? "" : subject.files[i])}};
+      law["counterexample"] = {
+          {"system", properties::write_system(failure.system)},
+          {"ratio", number(failure.finding.ratio)},
+          {"step", failure.finding.step},
+          {"what", failure.finding.what},
+          {"case", failure.number},
+          {"shrinks", failure.shrinks},
+          {"irrelevant", failure.irrelevant},
+          {"file",
+           subject.files.empty() || subject.files[i].empty() ? ordered_json(nullptr) : ordered_json(subject.files[i])},
+          {"command", again(subject, outcome, subject.files.empty() ? "" : subject.files[i])}};
       law["hint"] = outcome.law.failure;
     }
     json["laws"].push_back(std::move(law));
@@ -187,10 +189,12 @@ std::string failure_text(const CheckedSubject& subject, std::size_t i) {
   const properties::Failure& failure = *outcome.failure;
   std::string text = fmt::format("{}\n", outcome.law.statement);
   text += fmt::format("ratio {} where {} is allowed{}, on {}\n", ratio_text(failure.finding.ratio), largest_ratio,
-                      failure.finding.step >= 0 ? fmt::format(", at step {}", failure.finding.step) : "", size_text(failure.system));
+                      failure.finding.step >= 0 ? fmt::format(", at step {}", failure.finding.step) : "",
+                      size_text(failure.system));
   if (!failure.finding.what.empty()) text += failure.finding.what + "\n";
   text += system_text(failure.system, "  ");
-  text += fmt::format("{}\nagain: {}\n", outcome.law.failure, again(subject, outcome, subject.files.empty() ? "" : subject.files[i]));
+  text += fmt::format("{}\nagain: {}\n", outcome.law.failure,
+                      again(subject, outcome, subject.files.empty() ? "" : subject.files[i]));
   return text;
 }
 
@@ -234,7 +238,8 @@ std::string check_text(const CheckedSubject& subject, bool color) {
   const properties::CheckReport& r = subject.report;
   std::string text = summary(subject) + "\n";
   if (const auto said = refusals(r); !said.empty()) text += "  " + said + "\n";
-  if (subject.fault) text += fmt::format("\n{}{}{}\n", color ? "\033[31m" : "", subject.fault->what, color ? "\033[0m" : "");
+  if (subject.fault)
+    text += fmt::format("\n{}{}{}\n", color ? "\033[31m" : "", subject.fault->what, color ? "\033[0m" : "");
 
   if (subject.failed() > 0) {
     reports::Table table{"", {"law", "cases", "worst ratio", "fails on", "at step"}, {}, {}};
@@ -243,11 +248,12 @@ std::string check_text(const CheckedSubject& subject, bool color) {
     for (std::size_t i = 0; i < r.laws.size(); ++i) {
       const LawOutcome& outcome = r.laws[i];
       if (subject.status(i) == Status::unexpected_pass)
-        table.rows.push_back({std::string(outcome.law.id), fmt::format("{}", outcome.cases), ratio_text(outcome.max_ratio),
-                              "none, although --expect says so", ""});
+        table.rows.push_back({std::string(outcome.law.id), fmt::format("{}", outcome.cases),
+                              ratio_text(outcome.max_ratio), "none, although --expect says so", ""});
       if (subject.status(i) != Status::fail) continue;
       const properties::Failure& failure = *outcome.failure;
-      table.rows.push_back({std::string(outcome.law.id), fmt::format("{}", outcome.cases), ratio_text(outcome.max_ratio), size_text(failure.system),
+      table.rows.push_back({std::string(outcome.law.id), fmt::format("{}", outcome.cases),
+                            ratio_text(outcome.max_ratio), size_text(failure.system),
                             failure.finding.step < 0 ? "" : fmt::format("{}", failure.finding.step)});
     }
     text += "\n" + reports::render_text(table);
@@ -257,7 +263,8 @@ std::string check_text(const CheckedSubject& subject, bool color) {
     const auto i = static_cast<std::size_t>(shown - r.laws.data());
     text += fmt::format("\n{}{}{} does not hold:\n", color ? "\033[31m" : "", shown->law.id, color ? "\033[0m" : "");
     text += wrapped(std::string(shown->law.statement), 2);
-    text += fmt::format("  on this system ({}{}):\n\n", failure.number < 0 ? "replayed" : fmt::format("case {}", failure.number),
+    text += fmt::format("  on this system ({}{}):\n\n",
+                        failure.number < 0 ? "replayed" : fmt::format("case {}", failure.number),
                         failure.shrinks > 0 ? fmt::format(", made smaller {} times", failure.shrinks) : "");
     text += system_text(failure.system, "    ") + "\n";
     if (!failure.finding.what.empty()) text += wrapped(failure.finding.what, 2);
@@ -271,7 +278,8 @@ std::string check_text(const CheckedSubject& subject, bool color) {
     text += fmt::format("  again: {}\n", again(subject, *shown, subject.files.empty() ? "" : subject.files[i]));
   }
   text += "\n";
-  for (const auto& [status, words] : {std::pair(Status::not_applicable, "do not apply"), std::pair(Status::expected_failure, "fail as expected")})
+  for (const auto& [status, words] :
+       {std::pair(Status::not_applicable, "do not apply"), std::pair(Status::expected_failure, "fail as expected")})
     if (const auto list = names(subject, status); !list.empty()) text += wrapped(fmt::format("{}: {}", words, list), 0);
   return text + fmt::format("{} passed, {} failed\n", subject.passed(), subject.failed());
 }
@@ -285,7 +293,8 @@ std::string check_json(const std::vector<CheckedSubject>& subjects, const Contex
     json.update(subject_json(subjects.front()));
     json["context"] = where;
   } else {
-    json["verdict"] = std::ranges::all_of(subjects, [](const CheckedSubject& s) { return s.all_well(); }) ? "pass" : "fail";
+    json["verdict"] =
+        std::ranges::all_of(subjects, [](const CheckedSubject& s) { return s.all_well(); }) ? "pass" : "fail";
     json["context"] = where;
     json["checks"] = ordered_json::array();
     for (const CheckedSubject& subject : subjects) json["checks"].push_back(subject_json(subject));
@@ -298,11 +307,14 @@ std::string check_junit(const std::vector<CheckedSubject>& subjects) {
   for (const CheckedSubject& subject : subjects) {
     const properties::CheckReport& r = subject.report;
     const auto skipped = static_cast<int>(r.laws.size()) - subject.passed() - subject.failed();
-    text += fmt::format("  <testsuite name=\"kfstab.{}\" tests=\"{}\" failures=\"{}\" errors=\"{}\" skipped=\"{}\" time=\"{:.3f}\">\n",
-                        xml(r.subject.name), r.laws.size() + (subject.fault ? 1 : 0), subject.failed(), subject.fault ? 1 : 0, skipped, r.seconds);
+    text += fmt::format(
+        "  <testsuite name=\"kfstab.{}\" tests=\"{}\" failures=\"{}\" errors=\"{}\" skipped=\"{}\" time=\"{:.3f}\">\n",
+        xml(r.subject.name), r.laws.size() + (subject.fault ? 1 : 0), subject.failed(), subject.fault ? 1 : 0, skipped,
+        r.seconds);
     for (std::size_t i = 0; i < r.laws.size(); ++i) {
       const LawOutcome& outcome = r.laws[i];
-      text += fmt::format("    <testcase classname=\"kfstab.{}\" name=\"{}\"", xml(r.subject.name), xml(outcome.law.id));
+      text +=
+          fmt::format("    <testcase classname=\"kfstab.{}\" name=\"{}\"", xml(r.subject.name), xml(outcome.law.id));
       const Status status = subject.status(i);
       if (status == Status::pass || status == Status::expected_failure) {
         text += "/>\n";
@@ -311,13 +323,16 @@ std::string check_junit(const std::vector<CheckedSubject>& subjects) {
       } else if (status == Status::unexpected_pass) {
         text += "><failure message=\"holds, although it is expected to fail\"/></testcase>\n";
       } else {
-        const std::string message = outcome.failure->finding.what.empty() ? std::string(outcome.law.statement) : outcome.failure->finding.what;
-        text += fmt::format("><failure message=\"{}\">{}</failure></testcase>\n", xml(message), xml(failure_text(subject, i)));
+        const std::string message =
+            outcome.failure->finding.what.empty() ? std::string(outcome.law.statement) : outcome.failure->finding.what;
+        text += fmt::format("><failure message=\"{}\">{}</failure></testcase>\n", xml(message),
+                            xml(failure_text(subject, i)));
       }
     }
     if (subject.fault)
-      text += fmt::format("    <testcase classname=\"kfstab.{}\" name=\"runs\"><error type=\"{}\" message=\"{}\"/></testcase>\n", xml(r.subject.name),
-                          subject.fault->kind, xml(subject.fault->what));
+      text += fmt::format(
+          "    <testcase classname=\"kfstab.{}\" name=\"runs\"><error type=\"{}\" message=\"{}\"/></testcase>\n",
+          xml(r.subject.name), subject.fault->kind, xml(subject.fault->what));
     text += "  </testsuite>\n";
   }
   return text + "</testsuites>\n";
@@ -327,7 +342,8 @@ std::string check_markdown(const std::vector<CheckedSubject>& subjects) {
   std::string text;
   for (std::size_t s = 0; s < subjects.size(); ++s) {
     const CheckedSubject& subject = subjects[s];
-    text += fmt::format("{}## {}: {}\n\n{}\n\n", s > 0 ? "\n" : "", subject.report.subject.name, subject.all_well() ? "pass" : "**fail**", summary(subject));
+    text += fmt::format("{}## {}: {}\n\n{}\n\n", s > 0 ? "\n" : "", subject.report.subject.name,
+                        subject.all_well() ? "pass" : "**fail**", summary(subject));
     if (const auto said = refusals(subject.report); !said.empty()) text += said + "\n\n";
     if (subject.fault) text += fmt::format("**{}**: {}\n\n", subject.fault->kind, subject.fault->what);
     reports::Table table{"", {"law", "verdict", "cases", "worst ratio"}, {}, {}};

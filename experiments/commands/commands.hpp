@@ -83,6 +83,20 @@ struct ClaimArguments {
 };
 int claim_command(const ClaimArguments& arguments);
 
+struct CheckArguments {
+  std::optional<std::string> filters;
+  std::string laws;
+  int cases = 200;
+  std::uint64_t seed = 1986;
+  double budget = 0;  ///< seconds; 0: as long as it takes
+  int jobs = 0;       ///< 0: one a core
+  std::string replay;       ///< a system file: nothing else is tried
+  std::string regressions;  ///< a folder of them: tried first, and where failing systems go
+  std::string expect;       ///< a file of laws that are known to fail
+  std::string json, junit, markdown;  ///< files; - for stdout
+};
+int check_command(const CheckArguments& arguments);
+
 struct ReportArguments {
   std::vector<std::string> results;  ///< one results.json to render again, or two to compare
   std::string out;

@@ -191,6 +191,37 @@ int command_line(int argc, char** argv) {
     exit_code = claim_command(claim);
   });
 
+  CheckArguments check;
+  bool quick = false, thorough = false;
+  std::string checked_filters;
+  auto* check_app = add_command("check", "Check a filter by laws on random systems: the smallest that breaks one, and what it means");
+  auto* filters_option = check_app->add_option("--filters", checked_filters, "filters that come with kfstab: regular expression on ids; a leading - excludes")
+      ->envname("KFSTAB_FILTERS")->type_name("REGEX");
+  check_app->add_option("--laws", check.laws, "regular expression on law ids; a leading - excludes")->envname("KFSTAB_LAWS")->type_name("REGEX");
+  auto* cases_option = check_app->add_option("--cases", check.cases, "systems to draw")
+      ->envname("KFSTAB_CASES")->check(CLI::Range(0, 10000000).description(""))->capture_default_str();
+  auto* quick_option = check_app->add_flag("--quick", quick, "50 cases")->envname("KFSTAB_QUICK")->excludes(cases_option);
+  check_app->add_flag("--thorough", thorough, "2000 cases")->envname("KFSTAB_THOROUGH")->excludes(cases_option)->excludes(quick_option);
+  check_app->add_option("--seed", check.seed, "of the systems that are drawn")->envname("KFSTAB_SEED")->capture_default_str();
+  check_app->add_option("--budget", check.budget, "seconds after which no further case is begun; 0: none")
+      ->envname("KFSTAB_BUDGET")->check(CLI::NonNegativeNumber.description(""))->type_name("SECONDS")->capture_default_str();
+  check_app->add_option("--jobs", check.jobs, "filters at once; 0: one a core")
+      ->envname("KFSTAB_JOBS")->check(CLI::Range(0, 1024).description(""))->capture_default_str();
+  check_app->add_option("--replay", check.replay, "try this system file and no other")->envname("KFSTAB_REPLAY")->type_name("FILE");
+  check_app->add_option("--regressions", check.regressions, "folder of system files: tried first; what fails is added to it")
+      ->envname("KFSTAB_REGRESSIONS")->type_name("DIR");
+  check_app->add_option("--expect", check.expect, "file of laws that are known to fail, an id a line; one that holds fails, too")
+      ->envname("KFSTAB_EXPECT")->type_name("FILE");
+  check_app->add_option("--json", check.json, "the results as JSON into this file; - for stdout")->envname("KFSTAB_JSON")->type_name("FILE");
+  check_app->add_option("--junit", check.junit, "the results as JUnit XML into this file; - for stdout")->envname("KFSTAB_JUNIT")->type_name("FILE");
+  check_app->add_option("--markdown", check.markdown, "the results as Markdown into this file; - for stdout")->envname("KFSTAB_MARKDOWN")->type_name("FILE");
+  check_app->callback([&] {
+    if (filters_option->count() > 0) check.filters = checked_filters;
+    if (quick) check.cases = 50;
+    if (thorough) check.cases = 2000;
+    exit_code = check_command(check);
+  });
+
   ReportArguments report;
   auto* report_app = add_command("report", "Render stored results again, or say what changed between two");
   report_app->add_option("RESULTS", report.results, "a results.json or the folder with it; of two, what changed from the first")
