@@ -164,6 +164,17 @@ ordered_json subject_json(const CheckedSubject& subject) {
     }
     json["laws"].push_back(std::move(law));
   }
+  json["diagnosis"] = ordered_json::array();
+  for (const properties::Diagnosis& one : subject.diagnosis) {
+    ordered_json names = ordered_json::array();
+    for (const properties::Mistake* mistake : one.mistakes) names.push_back(mistake->id);
+    json["diagnosis"].push_back({{"mistake", one.mistakes.size() == 1 ? names.front() : names},
+                                 {"confidence", one.confidence()},
+                                 {"digits", one.digits},
+                                 {"right_digits", one.right_digits},
+                                 {"systems", one.systems},
+                                 {"sentence", one.sentence()}});
+  }
   return json;
 }
 
@@ -258,6 +269,8 @@ std::string check_text(const CheckedSubject& subject, bool color) {
     }
     text += "\n" + reports::render_text(table);
   }
+  for (const properties::Diagnosis& one : subject.diagnosis)
+    text += fmt::format("\n{}{}", &one == &subject.diagnosis.front() ? "" : "or: ", wrapped(one.sentence(), 0));
   if (const LawOutcome* shown = most_telling(subject)) {
     const properties::Failure& failure = *shown->failure;
     const auto i = static_cast<std::size_t>(shown - r.laws.data());
@@ -346,6 +359,7 @@ std::string check_markdown(const std::vector<CheckedSubject>& subjects) {
                         subject.all_well() ? "pass" : "**fail**", summary(subject));
     if (const auto said = refusals(subject.report); !said.empty()) text += said + "\n\n";
     if (subject.fault) text += fmt::format("**{}**: {}\n\n", subject.fault->kind, subject.fault->what);
+    for (const properties::Diagnosis& one : subject.diagnosis) text += one.sentence() + "\n\n";
     reports::Table table{"", {"law", "verdict", "cases", "worst ratio"}, {}, {}};
     using enum reports::Alignment;
     table.alignment = {left, left, right, right};

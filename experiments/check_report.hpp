@@ -6,7 +6,7 @@
 #include <vector>
 
 #include <kfstab/experiments/context.hpp>
-#include <kfstab/properties/check.hpp>
+#include <kfstab/properties/diagnosis.hpp>
 
 /// What `check` says: on the terminal, as JSON (schema kfstab.check/1), as JUnit XML and as Markdown.
 namespace kfstab::experiments {
@@ -24,6 +24,8 @@ struct CheckedSubject {
   std::set<std::string> expected;
   /// The command line that selects this filter alone: "--filters '^ckf$'".
   std::string selected_by;
+  /// What mistake it makes, where laws fail: the best first.
+  std::vector<properties::Diagnosis> diagnosis;
   /// The file of each failure's system, in the order of report.laws; empty where it was not written.
   std::vector<std::string> files;
 

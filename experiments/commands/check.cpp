@@ -169,6 +169,7 @@ int check_command(const CheckArguments& arguments) {
         try {
           const auto subject = subjects[i].make();
           properties::check(*subject, options, one.report);
+          if (one.failed() > 0) one.diagnosis = properties::diagnose(one.report.subject, one.report.runs);
         } catch (const properties::SubjectFault& fault) {
           one.fault = CheckedSubject::Fault{kind_name(fault.kind), fault.what()};
         }
