@@ -27,6 +27,8 @@
 #include <kfstab/properties/generators.hpp>
 #include <kfstab/reference/detail/recursion.hpp>
 
+#include "markers.hpp"
+
 #ifdef KFSTAB_ARB
 #include <arb_mat.h>
 #endif
@@ -458,25 +460,13 @@ std::string report() {
   return out.str();
 }
 
-bool put_between_markers(const std::string& path, const std::string& text) {
-  const std::string begin = "<!-- kfstab_reference_benchmark -->\n", end = "<!-- end -->\n";
-  std::ifstream in(path);
-  std::string page{std::istreambuf_iterator<char>(in), {}};
-  const auto from = page.find(begin);
-  const auto to = page.find(end, from == std::string::npos ? 0 : from);
-  if (from == std::string::npos || to == std::string::npos) return false;
-  page.replace(from + begin.size(), to - from - begin.size(), "\n" + text + "\n");
-  std::ofstream(path) << page;
-  return true;
-}
-
 }  // namespace
 }  // namespace kfstab::reference
 
 int main(int count, char** arguments) {
   const std::string text = kfstab::reference::report();
   std::cout << text;
-  if (count > 1 && !kfstab::reference::put_between_markers(arguments[1], text)) {
+  if (count > 1 && !performance::put_between_markers(arguments[1], "kfstab_reference_benchmark", text)) {
     std::cerr << arguments[1] << ": there are no markers\n";
     return 2;
   }

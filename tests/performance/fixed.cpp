@@ -1,0 +1,106 @@
+// Our filters with sizes that the compiler knows.
+
+#include <memory>
+#include <type_traits>
+
+#include <kfstab/filters/conventional.hpp>
+#include <kfstab/filters/hessenberg_square_root_covariance.hpp>
+#include <kfstab/filters/hessenberg_square_root_information.hpp>
+#include <kfstab/filters/square_root_covariance.hpp>
+#include <kfstab/filters/square_root_information.hpp>
+
+#include "contenders.hpp"
+
+namespace performance {
+namespace {
+
+using kfstab::Parametrisation;
+
+template <class To>
+void set(To& to, const std::vector<double>& numbers) {
+  to = Eigen::Map<const To>(numbers.data());
+}
+
+template <class Filter>
+Maybe started(const System& s) {
+  using Model = typename Filter::Model;
+  constexpr auto parametrisation = Model::parametrisation;
+  struct Run {
+    Filter filter;
+    Model model;
+    typename Filter::Output y;
+  };
+  auto run = std::make_shared<Run>();
+  Model& model = run->model;
+  set(model.C, s.C);
+  set(run->y, s.y);
+  model.D.resize(Model::states, 0);
+  kfstab::Matrix<double, Model::states, Model::states> initial;
+  kfstab::Vector<double, Model::states> x0;
+  set(x0, s.x0);
+  if constexpr (parametrisation == Parametrisation::information) {
+    set(model.A_inverse, s.A_inverse);
+    set(model.A_inverse_B, s.A_inverse_B);
+    set(model.Q_inverse_root, s.Q_inverse_root);
+    set(model.R_inverse_root, s.R_inverse_root);
+    set(initial, s.T0);
+  } else {
+    set(model.A, s.A);
+    set(model.B, s.B);
+    if constexpr (parametrisation == Parametrisation::root) {
+      set(model.Q_root, s.Q_root);
+      set(model.R_root, s.R_root);
+      set(initial, s.S0);
+    } else {
+      set(model.Q, s.Q);
+      set(model.R, s.R);
+      set(initial, s.P0);
+    }
+  }
+  run->filter.start(initial, x0);
+  if constexpr (parametrisation == Parametrisation::information) run->filter.measurement_update(model, &run->y);
+  return Contender{[run] {
+                     if constexpr (parametrisation == Parametrisation::information)
+                       return static_cast<bool>(run->filter.step(run->model, run->model, &run->y));
+                     else
+                       return static_cast<bool>(run->filter.step(run->model));
+                   },
+                   [run] {
+                     kfstab::Matrix<double> product;
+                     if constexpr (parametrisation == Parametrisation::covariance)
+                       product = run->filter.covariance();
+                     else if constexpr (parametrisation == Parametrisation::root)
+                       product = run->filter.factor() * run->filter.factor().transpose();
+                     else
+                       product = run->filter.information_factor().transpose() * run->filter.information_factor();
+                     return std::vector<double>(product.data(), product.data() + product.size());
+                   }};
+}
+
+template <int n, int half>
+Maybe of_size(const std::string& filter, const System& system) {
+  if (filter == "ckf") return started<kfstab::ConventionalFilter<double, n, half, half>>(system);
+  if (filter == "srcf") return started<kfstab::SquareRootCovarianceFilter<double, n, half, half>>(system);
+  if (filter == "srif") return started<kfstab::SquareRootInformationFilter<double, n, half, half>>(system);
+  if (filter == "srcf-hessenberg")
+    return started<kfstab::HessenbergSquareRootCovarianceFilter<double, n, half, half>>(system);
+  if (filter == "srif-hessenberg")
+    return started<kfstab::HessenbergSquareRootInformationFilter<double, n, half, half>>(system);
+  return std::nullopt;
+}
+
+}  // namespace
+
+Maybe ours_fixed(const std::string& filter, const System& system, bool) {
+  const auto [n, m, p] = system.shape;
+  if (m != n / 2 || p != n / 2) return std::nullopt;
+  switch (n) {
+    case 2: return of_size<2, 1>(filter, system);
+    case 4: return of_size<4, 2>(filter, system);
+    case 8: return of_size<8, 4>(filter, system);
+    case 16: return of_size<16, 8>(filter, system);
+    default: return std::nullopt;
+  }
+}
+
+}  // namespace performance

@@ -1,0 +1,97 @@
+// Our filters as the built library has them.
+
+#include <memory>
+
+#include <kfstab/filters/any_filter.hpp>
+#include <kfstab/filters/registry.hpp>
+
+#include "contenders.hpp"
+
+namespace performance {
+namespace {
+
+using kfstab::Dynamic, kfstab::Held;
+using Matrix = kfstab::Matrix<double>;
+
+template <class To>
+void set(To& to, const std::vector<double>& numbers, int rows, int cols) {
+  to = Eigen::Map<const Matrix>(numbers.data(), rows, cols);
+}
+
+kfstab::AnyProblem<double> problem_for(kfstab::Parametrisation parametrisation, const System& s) {
+  const auto [n, m, p] = s.shape;
+  const auto dynamics = [&, n = n, m = m, p = p](auto& model) {
+    set(model.A, s.A, n, n);
+    set(model.B, s.B, n, m);
+    set(model.C, s.C, p, n);
+    model.D.resize(n, 0);
+  };
+  const auto problem = [&, n = n](const auto& model, const std::vector<double>& initial) {
+    kfstab::Problem<std::decay_t<decltype(model)>> result;
+    result.models.push_back(model);
+    set(result.initial, initial, n, n);
+    set(result.x0, s.x0, n, 1);
+    return result;
+  };
+  switch (parametrisation) {
+    case kfstab::Parametrisation::covariance: {
+      kfstab::CovarianceModel<double> model;
+      dynamics(model);
+      set(model.Q, s.Q, m, m);
+      set(model.R, s.R, p, p);
+      return problem(model, s.P0);
+    }
+    case kfstab::Parametrisation::root: {
+      kfstab::RootModel<double> model;
+      dynamics(model);
+      set(model.Q_root, s.Q_root, m, m);
+      set(model.R_root, s.R_root, p, p);
+      return problem(model, s.S0);
+    }
+    case kfstab::Parametrisation::information: break;
+  }
+  kfstab::InformationModel<double> model;
+  set(model.A_inverse, s.A_inverse, n, n);
+  set(model.A_inverse_B, s.A_inverse_B, n, m);
+  set(model.C, s.C, p, n);
+  model.D.resize(n, 0);
+  set(model.Q_inverse_root, s.Q_inverse_root, m, m);
+  set(model.R_inverse_root, s.R_inverse_root, p, p);
+  return problem(model, s.T0);
+}
+
+struct Run {
+  kfstab::AnyProblem<double> problem;
+  std::unique_ptr<kfstab::AnyFilter<double>> filter;
+  kfstab::Vector<double> y;
+  std::int64_t k = 0;
+  const Matrix* held = nullptr;
+};
+
+}  // namespace
+
+Maybe ours_dynamic(const std::string& id, const System& system, bool) {
+  auto run = std::make_shared<Run>();
+  const kfstab::Metadata& metadata = *kfstab::find_filter(id);
+  run->problem = problem_for(metadata.takes, system);
+  run->filter = kfstab::make_filter<double>(id);
+  run->filter->start(run->problem);
+  set(run->y, system.y, system.shape.p, 1);
+  // An information filter begins with the update by y_0, its peers with the step from 0|0.
+  const bool with_data = metadata.takes == kfstab::Parametrisation::information;
+  if (with_data) run->filter->step(run->k++, &run->y, nullptr);
+  return Contender{[=] {
+                     const auto step = run->filter->step(run->k++, with_data ? &run->y : nullptr, nullptr);
+                     run->held = step.held;
+                     return static_cast<bool>(step.report);
+                   },
+                   [run, holds = metadata.holds] {
+                     const Matrix& X = *run->held;
+                     Matrix product = holds == Held::covariance          ? X
+                                      : holds == Held::covariance_factor ? Matrix(X * X.transpose())
+                                                                         : Matrix(X.transpose() * X);
+                     return std::vector<double>(product.data(), product.data() + product.size());
+                   }};
+}
+
+}  // namespace performance
