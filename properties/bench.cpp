@@ -213,6 +213,7 @@ const Run& Bench::run(const System& system) {
 }
 
 void Bench::forget() {
+  observed_.clear();
   runs_.clear();
   courses_.clear();
 }

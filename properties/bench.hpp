@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <vector>
 
@@ -9,6 +10,8 @@
 
 /// Where a subject is tried: its runs, and what was true of them, each computed once however many laws ask.
 namespace kfstab::properties {
+
+struct ObservedStep;  // law.hpp
 
 /// A subject's run of a system.
 struct Run {
@@ -86,9 +89,12 @@ class Bench {
   void forget();
 
  private:
+  friend const std::vector<ObservedStep>& observed_steps(Bench& bench, const System& system);
+
   Subject& subject_;
   Truths& truths_;
   std::vector<std::unique_ptr<Run>> runs_;
+  std::map<const Run*, std::shared_ptr<const std::vector<ObservedStep>>> observed_;
   std::vector<std::pair<System, std::unique_ptr<Course>>> courses_;
   std::int64_t steps_ = 0;
 };

@@ -5,6 +5,10 @@
 #include <limits>
 #include <utility>
 
+#include <fmt/format.h>
+
+#include <kfstab/filters/symmetric_eigen.hpp>
+
 namespace kfstab::properties {
 
 namespace {
@@ -59,6 +63,7 @@ std::vector<ObservedStep> observe(const Run& run, const Traits& traits, const Pr
   auto before = initial(problem);
   auto x_before = complete.data ? std::optional(column(problem.x0)) : std::nullopt;
   const auto data = complete.data ? complete.data->open() : nullptr;
+  const auto as_written = run.system.data ? run.system.data->open() : nullptr;
   std::optional<Vector<double>> u_before;
   const bool answers_predicted = traits.instant == Instant::predicted;
   for (std::size_t k = 0; k < run.answers.size() && before; ++k) {
@@ -72,6 +77,7 @@ std::vector<ObservedStep> observe(const Run& run, const Traits& traits, const Pr
     if (!P || !now || !dynamics) break;
     const bool predicts = !(late && k == 0);
     const StepData* given = data ? &data->next() : nullptr;
+    const StepData* written = as_written ? &as_written->next() : nullptr;
     const std::optional<Vector<double>> u_now = given && given->u.size() > 0 ? std::optional(given->u) : std::nullopt;
     const auto& u = late ? u_before : u_now;
 
@@ -87,6 +93,7 @@ std::vector<ObservedStep> observe(const Run& run, const Traits& traits, const Pr
                       .Q = dynamics->Q,
                       .R = now->R,
                       .predicts = predicts,
+                      .measured = now->C.rows() - (written ? written->y.array().isNaN().count() : 0),
                       .before = *before,
                       .prior = prior,
                       .P = *P,
@@ -97,7 +104,10 @@ std::vector<ObservedStep> observe(const Run& run, const Traits& traits, const Pr
                       .x_prior = std::nullopt,
                       .x = std::nullopt,
                       .y = std::nullopt,
-                      .Du = std::nullopt};
+                      .Du = std::nullopt,
+                      .log_likelihood = answer.log_likelihood,
+                      .update = std::nullopt,
+                      .amplified = {}};
     if (answer.gain && traits.gain && answer.gain->cols() == now->C.rows()) seen.gain = *answer.gain;
     if (given && x_before && answer.state) {
       seen.x_before = x_before;
@@ -109,6 +119,7 @@ std::vector<ObservedStep> observe(const Run& run, const Traits& traits, const Pr
     u_before = u_now;
     before = P;
     x_before = answer.state ? std::optional(column(*answer.state)) : std::nullopt;
+    seen.complete();
     steps.push_back(std::move(seen));
   }
   return steps;
@@ -141,55 +152,215 @@ Precise ObservedStep::after(const Precise& X) const {
   return answers_predicted() ? A * X * A.transposed() + B * Q * B.transposed() : X;
 }
 
+Precise ObservedStep::state_after(const Precise& z) const { return answers_predicted() ? A * z + *Du : z; }
+
+Precise ObservedStep::exact_gain() const { return predictor_gain() ? A * update->Kf : update->Kf; }
+
+Precise ObservedStep::joseph(const Precise& K) const {
+  const bool whole = predictor_gain() && answers_predicted();
+  const Precise F = (whole ? A : Precise::identity(size.n)) - K * C;
+  const Precise sum = F * prior * F.transposed() + K * R * K.transposed();
+  return whole ? sum + B * Q * B.transposed() : after(sum);
+}
+
 std::optional<double> ObservedStep::ratio(double error, double kappa, double scale) const {
   if (scale < std::numeric_limits<double>::min() / unit_roundoff<double>()) return std::nullopt;
   return error == 0 ? 0 : error / scale / (rounding() * kappa);
 }
 
-double ObservedStep::innovation_condition() const {
-  if (Re.rows() == 0) return 1;
-  const auto inverse = Re.inverse();
-  if (!inverse) return std::numeric_limits<double>::infinity();
-  const double c = C.norm();
-  return (R.norm() + c * c * prior.norm()) * inverse->norm();
+std::optional<Finding> ObservedStep::compare(std::string_view name, const Precise& found, const Precise& expected,
+                                             double scale, double allowed) const {
+  const double error = (found - expected).norm();
+  const auto r = ratio(error <= allowed ? 0 : error - allowed, 1, scale);
+  if (!r) return std::nullopt;
+  return Finding{*r, k, *r <= largest_ratio ? std::string() : largest_difference(name, found, expected)};
 }
 
-double ObservedStep::amplification() const {
-  const double a = A.norm(), b = B.norm();
-  const double formed = predicts ? a * a * before.norm() + b * b * Q.norm() : before.norm();
-  const double kappa = innovation_condition();
-  if (holds_root(subject.holds)) return (1 + std::sqrt(kappa)) * formed;
-  if (subject.holds == Held::information || subject.holds == Held::information_factor) {
-    // dY <= { k(A) + k(R^{1/2}) + k(Qe^{1/2}) (k(Q^{1/2}) + k(A)) } |Y| for a root, its square where Y is held; dP = P dY P.
-    const double root =
-        1 + A.condition() + std::sqrt(R.condition()) + std::sqrt(kappa) * (std::sqrt(Q.condition()) + A.condition());
-    const auto Y = P.inverse();
-    const double held = subject.holds == Held::information ? root * root : root;
-    return Y ? held * Y->norm() * P.norm() * P.norm() : std::numeric_limits<double>::infinity();
+std::optional<Finding> ObservedStep::semidefinite(std::string_view name, const Precise& X, double scale,
+                                                  double allowed) const {
+  const double below = below_zero(X);
+  const auto r = ratio(below <= allowed ? 0 : below - allowed, 1, std::max(scale, X.norm()));
+  if (!r) return std::nullopt;
+  return Finding{*r, k,
+                 *r <= largest_ratio ? std::string() : fmt::format("{} has the eigenvalue {:.6g}", name, -below)};
+}
+
+namespace {
+
+/// What a step of a form that holds T or Y = T'T loses, theory (4.3), in units of u (n + m + p).
+struct InformationLoss {
+  double P = 0, Y = 0, R_inverse = 0;  ///< norms: of P_{k|k}, of its inverse, of R^{-1}
+  double local = 0;                    ///< of Y
+  double reported = 0;                 ///< of the P before, where it is not what the filter holds but was made of that
+  double state = 0;
+};
+
+InformationLoss information_loss(const ObservedStep& s) {
+  constexpr double infinite = std::numeric_limits<double>::infinity();
+  const auto norm = [](const std::optional<Precise>& X) { return X ? X->norm() : infinite; };
+  const auto Y = s.information ? s.information : s.P.inverse(), Y_before = s.before.inverse(),
+             R_inverse = s.R.inverse();
+  InformationLoss lost;
+  lost.P = s.P.norm();
+  lost.Y = norm(Y);
+  lost.R_inverse = norm(R_inverse);
+  if (!Y_before || !R_inverse) {
+    lost.local = lost.state = infinite;
+    return lost;
   }
-  const auto inverse = Re.inverse();
-  const Precise PC = prior * C.transposed();
-  const double removed = Re.rows() == 0 || !inverse ? 0 : (PC * *inverse * PC.transposed()).norm();
-  return kappa * (formed + removed * (answers_predicted() ? a * a : 1));
+  // { k(A) + k(R^{1/2}) + k(Qe^{1/2}) (k(Q^{1/2}) + k(A)) } |[T A^{-1}; R^{-1/2} C]|
+  double bracket = 1 + (s.measured > 0 ? std::sqrt(s.R.condition()) : 0), moved = Y_before->norm(), A_inverse_norm = 1;
+  if (s.predicts) {
+    const auto A_inverse = s.A.inverse(), Q_inverse = s.Q.inverse();
+    if (!A_inverse || !Q_inverse) {
+      lost.local = lost.state = infinite;
+      return lost;
+    }
+    const Precise TA = A_inverse->transposed() * *Y_before * *A_inverse;
+    const double k_A = s.A.condition();
+    const double k_Qe = s.size.m == 0 ? 0 : std::sqrt((*Q_inverse + s.B.transposed() * TA * s.B).condition());
+    bracket += k_A + k_Qe * (std::sqrt(s.Q.condition()) + k_A);
+    moved = TA.norm();
+    A_inverse_norm = A_inverse->norm();
+  }
+  const double formed = moved + (s.C.transposed() * *R_inverse * s.C).norm();
+  const double before = Y_before->norm();
+  // One that holds Y, or that is foreign and inverts what it is given, has the square of all of this.
+  const bool squared = s.subject.holds == Held::information || !s.information;
+  lost.local = squared ? bracket * bracket * formed : 2 * bracket * std::sqrt(lost.Y * formed);
+  const double k_before = before * s.before.norm();
+  if (!s.information) lost.reported = k_before * s.before.norm();
+  if (s.x) {
+    // T+ x+ = xi, and what xi is made of
+    const double x = s.x_before->norm() + (s.predicts ? A_inverse_norm * s.Du->norm() : 0);
+    const double xi = std::sqrt(formed) * s.x->norm() + std::sqrt(before) * x + std::sqrt(lost.R_inverse) * s.y->norm();
+    const double reported = std::sqrt(k_before) * s.x_before->norm() * (s.predicts ? s.A.norm() : 1);
+    lost.state = squared ? bracket * bracket * lost.P * std::sqrt(formed) * xi + std::sqrt(k_before) * reported
+                         : bracket * std::sqrt(lost.P) * xi + reported;
+  }
+  return lost;
 }
 
-std::vector<ObservedStep> observed_steps(Bench& bench, const System& system) {
+}  // namespace
+
+void ObservedStep::complete() {
+  const double a = A.norm(), b = B.norm(), c = C.norm();
+  const double moved = a * a * before.norm() + b * b * Q.norm();  // what A P A' + B Q B' is made of
+  const double formed = predicts ? moved : before.norm();
+  const double P_prior = answers_predicted() ? before.norm() : formed;
+  const double r = R.norm() + c * c * P_prior;
+
+  double Re_inverse_norm = 0, removed = 0, Kf = 0, KfC = 0;
+  if (Re.rows() == 0) {
+    update = Update{Re, prior * C.transposed(), prior};
+  } else if (auto inverse = Re.inverse()) {
+    Re_inverse_norm = inverse->norm();
+    const Precise gain_f = prior * C.transposed() * *inverse;
+    const Precise less = gain_f * (C * prior);
+    Kf = gain_f.norm();
+    KfC = (gain_f * C).norm();
+    removed = less.norm();
+    if (Re.lower_root()) update = Update{*std::move(inverse), gain_f, prior - less};
+  } else {
+    Re_inverse_norm = std::numeric_limits<double>::infinity();
+  }
+  amplified.innovation = Re.rows() == 0 ? 1 : r * Re_inverse_norm;
+  const double kappa = amplified.innovation;
+
+  double condition = kappa;  // with which the step's errors are enlarged, relative to what it forms
+  InformationLoss lost;
+  if (holds_information()) {
+    lost = information_loss(*this);
+    const double Y = lost.Y, CR = c * lost.R_inverse;
+    amplified.P = lost.P * lost.P * lost.local + std::pow((predicts ? a : 1) * (1 + KfC), 2) * lost.reported;
+    condition = amplified.P / lost.P;
+    const double of_filter = lost.P * (std::sqrt(static_cast<double>(size.n)) * Y * Kf + CR) + amplified.P * CR;
+    amplified.gain = predictor_gain() ? a * of_filter : of_filter;
+    amplified.state_gain = answers_predicted() ? a * of_filter : of_filter;
+  } else {
+    if (holds_root(subject.holds)) {
+      condition = std::sqrt(kappa);
+      amplified.P = (1 + condition) * formed;
+    } else {
+      amplified.P = kappa * (formed + removed * (answers_predicted() ? a * a : 1));
+    }
+    const double of_predictor = (a * Kf * r + std::sqrt(r * moved)) * Re_inverse_norm;
+    const double of_filter = (Kf * r + std::sqrt(r * P_prior)) * Re_inverse_norm;
+    amplified.gain = predictor_gain() ? of_predictor : of_filter;
+    amplified.state_gain = answers_predicted() ? std::max(of_predictor, a * of_filter) : of_filter;
+  }
+
+  const double D = (before - before.transposed()).norm(), carried = (predicts ? a : 1) * (1 + KfC);
+  amplified.asymmetric = 4 * carried * carried * D;
+  amplified.first_order = largest_ratio * rounding() * condition <= 0.5 && D * kappa <= std::ldexp(before.norm(), -30);
+
+  if (!x) return;
+  const double z = x_prior->norm(), e = (*y - C * *x_prior).norm(), moved_x = a * x_before->norm() + Du->norm();
+  const double seen = predicts && !answers_predicted() ? moved_x : z;  // what x_{k|k-1} is made of
+  // Forms that hold a root may whiten the measurements, by R^{-1/2}.
+  const double whitening = holds_root(subject.holds) && measured > 0 ? std::sqrt(R.condition()) : 1;
+  const double innovated = Kf * whitening * (y->norm() + c * seen);
+  const double terms = answers_predicted() ? moved_x + a * innovated : seen + innovated;
+  amplified.state = terms + amplified.state_gain * e;
+  if (holds_information()) amplified.state += lost.state;
+}
+
+// --- words ----------------------------------------------------------------------------------------------------------------
+
+std::string largest_difference(std::string_view name, const Precise& found, const Precise& expected) {
+  if (found.rows() != expected.rows() || found.cols() != expected.cols())
+    return fmt::format("{} is {} x {}, expected {} x {}", name, found.rows(), found.cols(), expected.rows(),
+                       expected.cols());
+  const Matrix<double> X = found.rounded(), Y = expected.rounded(), off = (found - expected).rounded();
+  Index row = 0, column = 0;
+  for (Index i = 0; i < off.rows(); ++i)
+    for (Index j = 0; j < off.cols(); ++j)
+      if (!(std::abs(off(i, j)) <= std::abs(off(row, column)))) row = i, column = j;
+  if (off.size() == 0) return {};
+  const std::string entry = off.size() == 1   ? std::string(name)
+                            : off.cols() == 1 ? fmt::format("{}[{}]", name, row)
+                                              : fmt::format("{}[{},{}]", name, row, column);
+  const double x = X(row, column), y = Y(row, column);
+  std::string text = fmt::format("{} = {:.6g}, expected {:.6g}", entry, x, y);
+  if (std::abs(off(row, column)) < 1e-3 * std::abs(y)) text += fmt::format(" (off by {:.2g})", off(row, column));
+  return text;
+}
+
+double below_zero(const Precise& X) {
+  // Twice the symmetric part, so that no half is needed.
+  Matrix<double> twice = (X + X.transposed()).rounded(), vectors(X.rows(), X.rows());
+  if (twice.rows() == 0) return 0;
+  if (!symmetric_eigen(twice, vectors)) return std::numeric_limits<double>::infinity();
+  return std::max(0.0, -twice.diagonal().minCoeff() / 2);
+}
+
+// --- steps ----------------------------------------------------------------------------------------------------------------
+
+const std::vector<ObservedStep>& observed_steps(Bench& bench, const System& system) {
   const Run& run = bench.run(system);
-  const System complete = with_every_measurement(system);
-  const auto converted = problem(complete, bench.traits().takes);
-  const auto* numbers = std::get_if<AnyProblem<double>>(&converted);
-  if (!numbers) return {};
-  return std::visit([&](const auto& any) { return observe(run, bench.traits(), any, complete); }, *numbers);
+  auto& known = bench.observed_[&run];
+  if (!known) {
+    const System complete = with_every_measurement(system);
+    const auto converted = problem(complete, bench.traits().takes);
+    std::vector<ObservedStep> steps;
+    if (const auto* numbers = std::get_if<AnyProblem<double>>(&converted))
+      steps = std::visit([&](const auto& any) { return observe(run, bench.traits(), any, complete); }, *numbers);
+    known = std::make_shared<const std::vector<ObservedStep>>(std::move(steps));
+  }
+  return *known;
 }
 
 std::optional<Finding> worst_step(Bench& bench, const System& system,
-                                  const std::function<std::optional<double>(const ObservedStep&)>& ratio) {
+                                  const std::function<std::optional<Finding>(const ObservedStep&)>& examine) {
   std::optional<Finding> worst;
   for (const ObservedStep& step : observed_steps(bench, system)) {
-    auto found = ratio(step);
+    auto found = examine(step);
     if (!found) continue;
-    if (std::isnan(*found)) found = std::numeric_limits<double>::infinity();
-    if (!worst || *found > worst->ratio) worst = Finding{*found, step.k, {}};
+    if (std::isnan(found->ratio)) found->ratio = std::numeric_limits<double>::infinity();
+    if (worst && found->ratio <= worst->ratio) continue;
+    found->step = step.k;
+    if (!found->what.empty()) found->what = fmt::format("step {}: {}", step.k, found->what);
+    worst = std::move(found);
   }
   return worst;
 }

@@ -112,6 +112,12 @@ Precise operator*(const Precise& X, const Precise& Y) {
   return Precise(std::move(result));
 }
 
+Precise operator*(double factor, const Precise& X) {
+  auto result = std::make_shared<Numbers>(*X.numbers_);
+  for (Number& x : result->entries) x *= factor;
+  return Precise(std::move(result));
+}
+
 Precise Precise::with_diagonal_raised(double relative) const {
   auto result = std::make_shared<Numbers>(*numbers_);
   for (Index i = 0; i < std::min(rows(), cols()); ++i) (*result)(i, i) += (*result)(i, i) * relative;

@@ -31,6 +31,7 @@ class Precise {
   friend Precise operator+(const Precise& X, const Precise& Y);
   friend Precise operator-(const Precise& X, const Precise& Y);
   friend Precise operator*(const Precise& X, const Precise& Y);
+  friend Precise operator*(double factor, const Precise& X);
 
   /// The diagonal multiplied by (1 + relative): X + relative diag(X).
   Precise with_diagonal_raised(double relative) const;
