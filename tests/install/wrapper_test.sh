@@ -21,7 +21,7 @@ machine() {
   cp "$wrapper" "$tree/"
   echo '{}' >"$tree/CMakePresets.json"
   printf '%s\n' '# a comment' 'build one the first' 'build  two|deux|zwei  any of three' 'test three for tests' \
-    'later four not now' >"$tree/packages.txt"
+    'benchmark four to compare with' 'later five not now' >"$tree/packages.txt"
   printf '%s\n' one two three >"$installed"
   for tool in $tools; do ln -s "$(command -v "$tool")" "$PATH_OF_FAKES/$tool"; done
   fake dpkg-query <<END
@@ -33,7 +33,7 @@ END
 #!/bin/sh
 echo "apt-get \$* (\$DEBIAN_FRONTEND)" >>"$calls"
 [ ! -f "$scratch/machine/offline" ] || { echo 'no network'; exit 100; }
-case \$* in *install*) for p; do case \$p in one | two | deux | zwei | three) echo "\$p" >>"$installed" ;; esac; done ;; esac
+case \$* in *install*) for p; do case \$p in one | two | deux | zwei | three | four) echo "\$p" >>"$installed" ;; esac; done ;; esac
 END
   fake cmake <<END
 #!/bin/sh
@@ -51,8 +51,9 @@ mkdir "$scratch/machine/building" || { echo two at once >>"$calls"; exit 1; }
 rmdir "$scratch/machine/building"
 mkdir -p "\$2/bin"
 cat "$scratch/machine/program" >"\$2/bin/kfstab.new"
-mv "\$2/bin/kfstab.new" "\$2/bin/kfstab"
-chmod +x "\$2/bin/kfstab"
+case \$5 in *benchmark) program=\$5 ;; *) program=kfstab ;; esac
+mv "\$2/bin/kfstab.new" "\$2/bin/\$program"
+chmod +x "\$2/bin/\$program"
 END
   fake id <<'END'
 #!/bin/sh
@@ -281,6 +282,20 @@ check 'exit code' "$code" 1
 check 'last line' "$out" '*0 passed, 0 failed'
 kfstab test nothing
 check 'exit code of a filter that selects nothing' "$code" 5
+
+name='benchmarks'
+machine
+program_exit=5
+kfstab benchmark --filter 'a b'
+check 'exit code' "$code" 5
+check 'brings its packages, configures and builds for it alone' "$(cat "$calls")" \
+  '*no-install-recommends four (*cmake*TESTS=OFF*BENCHMARK=ON*ninja*kfstab_benchmark'
+check 'hands on its arguments, and where the pages are' "$out" "$tree: ?--docs? ?$tree/docs? ?--filter? ?a b?"
+program_exit=0
+kfstab benchmark reference
+check 'that of the reference' "$out" "$tree: ?$tree/docs/performance.md?"
+kfstab list
+check 'the folder keeps them' "$(count cmake)" 1
 
 name='usage'
 machine

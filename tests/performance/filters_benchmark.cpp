@@ -34,7 +34,7 @@
 #include <kfstab/reports/plot.hpp>
 
 #include "contenders.hpp"
-#include "markers.hpp"
+#include "page.hpp"
 
 namespace performance {
 namespace {
@@ -444,12 +444,6 @@ void draw(const kfstab::reports::Figure& figure, const std::filesystem::path& im
 
 constexpr int runs = 3;
 
-std::string processor() {
-  for (const auto& [name, value] : kfstab::experiments::context())
-    if (name == "processor" || name == "machine") return value;
-  return "an unknown processor";
-}
-
 std::string report(const std::vector<Case>& cases, const Rows& rows, bool with_figures) {
   std::string text = fmt::format("On {}. SLICOT 5.0 with {}, one thread.\n", processor(), blas());
   if (const auto table = targets_table(rows); !table.rows.empty())
@@ -509,6 +503,13 @@ class Progress : public benchmark::BenchmarkReporter {
   std::size_t cases_, done_ = 0;
 };
 
+constexpr const char* usage =
+    "usage: ./kfstab benchmark [--filter REGEX] [--json FILE]\n"
+    "       ./kfstab benchmark reference\n"
+    "REGEX selects by names such as srcf/no-gain/n:8/m:4/p:4; without it the tables of docs/performance.md are "
+    "written\n"
+    "anew. FILE - is stdout, and nothing else there.\n";
+
 struct Usage : std::runtime_error {
   using runtime_error::runtime_error;
 };
@@ -528,6 +529,10 @@ Arguments parse(int count, char** words) {
   }
   for (int i = 1; i < count; ++i) {
     const std::string word = words[i];
+    if (word == "--help" || word == "-h") {
+      fmt::print("{}", usage);
+      std::exit(0);
+    }
     const auto equals = word.find('=');
     const auto option = options.find(word.substr(0, equals));
     if (option == options.end()) throw Usage("found '" + word + "'");
@@ -599,7 +604,7 @@ int main(int count, char** words) {
   try {
     return performance::run(performance::parse(count, words));
   } catch (const performance::Usage& error) {
-    fmt::print(stderr, "kfstab: {}\nusage: ./kfstab benchmark [--filter REGEX] [--json FILE]\n", error.what());
+    fmt::print(stderr, "kfstab: {}\n{}", error.what(), performance::usage);
     return 2;
   } catch (const kfstab::reports::FileError& error) {
     fmt::print(stderr, "kfstab: {}\n", error.what());

@@ -27,7 +27,7 @@
 #include <kfstab/properties/generators.hpp>
 #include <kfstab/reference/detail/recursion.hpp>
 
-#include "markers.hpp"
+#include "page.hpp"
 
 #ifdef KFSTAB_ARB
 #include <arb_mat.h>
@@ -424,17 +424,10 @@ double seconds_of_random_systems() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
-std::string processor() {
-  std::ifstream info("/proc/cpuinfo");
-  for (std::string line; std::getline(info, line);)
-    if (line.starts_with("model name")) return line.substr(line.find(':') + 2);
-  return "an unknown processor";
-}
-
 std::string report() {
   std::ostringstream out;
   static constexpr const char* vectors[] = {"2", "4", "8"};
-  out << "On " << processor() << ", vectors of " << vectors[static_cast<int>(detail::widest_vectors())]
+  out << "On " << performance::processor() << ", vectors of " << vectors[static_cast<int>(detail::widest_vectors())]
       << " doubles, mpfr " << mpfr_get_version() << ", gmp " << gmp_version
 #ifdef KFSTAB_ARB
       << ", Arb " << arb_version

@@ -132,32 +132,20 @@ Maybe fb01sd(const System& s, bool condensed, bool with_state) {
   a->X = Matrix(T0.transpose() * T0).llt().matrixU();
   const Matrix R_inverse_root = a->R.triangularView<Eigen::Upper>();
   a->y = R_inverse_root * matrix(s.y, p, 1);
-  const char* const jobx = with_state ? "X" : "N";
-  const auto step = [=, n = n, m = m, p = p](const auto& call) {
+  const auto step = [=, n = n, m = m, p = p](const auto& call, auto... multab) {
     a->changed = a->Q;  // Qe^{-1/2} takes its place
-    call(a->X.data(), a->A.data(), a->B.data(), a->R.data(), a->C.data(), a->changed.data(), a->x.data(), a->y.data(),
-         a->z.data(), a->e.data(), &n, &m, &p);
+    call(with_state ? "X" : "N", multab..., "N", &n, &m, &p, a->X.data(), &n, a->A.data(), &n, a->B.data(), &n,
+         a->R.data(), &p, a->C.data(), &p, a->changed.data(), &m, a->x.data(), a->y.data(), a->z.data(), a->e.data(),
+         &a->tolerance, a->integers.data(), a->work.data(), &a->length, &a->info);
     return a->info == 0;
   };
-  const auto dense = routine(fb01sd_, "fb01sd_");
-  const auto hessenberg = routine(fb01td_, "fb01td_");
-  return Contender{
-      [=] {
-        return step([&](double* T, double* A, double* B, double* R, double* C, double* Q, double* x, double* y,
-                        double* z, double* e, const int* rows, const int* noises, const int* outputs) {
-          const int *n = rows, *m = noises, *p = outputs;
-          if (condensed)
-            hessenberg(jobx, "N", n, m, p, T, n, A, n, B, n, R, p, C, p, Q, m, x, y, z, e, &a->tolerance,
-                       a->integers.data(), a->work.data(), &a->length, &a->info);
-          else
-            dense(jobx, "P", "N", n, m, p, T, n, A, n, B, n, R, p, C, p, Q, m, x, y, z, e, &a->tolerance,
-                  a->integers.data(), a->work.data(), &a->length, &a->info);
-        });
-      },
-      [a] {
-        const Matrix T = Matrix(a->X.triangularView<Eigen::Upper>()) * a->U.transpose();
-        return numbers(T.transpose() * T);
-      }};
+  return Contender{[=, dense = routine(fb01sd_, "fb01sd_"), hessenberg = routine(fb01td_, "fb01td_")] {
+                     return condensed ? step(hessenberg) : step(dense, "P");
+                   },
+                   [a] {
+                     const Matrix T = Matrix(a->X.triangularView<Eigen::Upper>()) * a->U.transpose();
+                     return numbers(T.transpose() * T);
+                   }};
 }
 
 Maybe fb01vd(const System& s) {

@@ -20,4 +20,12 @@ inline bool put_between_markers(const std::filesystem::path& page, const std::st
   return true;
 }
 
+/// The model's name of the machine's processor.
+inline std::string processor() {
+  std::ifstream info("/proc/cpuinfo");
+  for (std::string line; std::getline(info, line);)
+    if (line.starts_with("model name")) return line.substr(line.find(':') + 2);
+  return "an unknown processor";
+}
+
 }  // namespace performance
