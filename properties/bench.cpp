@@ -8,6 +8,7 @@
 #include <kfstab/properties/data.hpp>
 #include <kfstab/properties/precise.hpp>
 #include <kfstab/reference/bounds.hpp>
+#include <kfstab/reference/definiteness.hpp>
 #include <kfstab/reference/trajectory.hpp>
 
 namespace kfstab::properties {
@@ -46,6 +47,70 @@ std::vector<Matrix<double>> unrolled(const Sequence& sequence, std::int64_t step
   for (std::int64_t k = 0; k < steps; ++k) all.push_back(sequence.at(k));
   return all;
 }
+
+Matrix<double> congruence(const Matrix<double>& X, const Matrix<double>& Y) {
+  const Matrix<double> XY = X.lazyProduct(Y);
+  return XY.lazyProduct(X.transpose());
+}
+
+double norm(const Covariance& Q, std::int64_t k) {
+  const Matrix<double>& X = Q.value.at(k);
+  return Q.written == Covariance::Written::root ? X.lazyProduct(X.transpose()).norm() : X.norm();
+}
+
+/// The bounds of the forms that hold P or a root of it: what each step commits by the tolerance of law one-step, carried on by
+/// F, theory (4.4), and of the gain, (4.6).
+class CovarianceBounds {
+ public:
+  CovarianceBounds(const Traits& traits, GainKind gain, const System& complete, double rounding)
+      : traits_(traits), predictor_(gain == GainKind::predictor), system_(complete), rounding_(rounding),
+        W_(Matrix<double>::Zero(complete.A.rows(), complete.A.rows())) {}
+
+  void advance(std::int64_t k, const reference::Truth& truth) {
+    const bool predicted = traits_.instant == Instant::predicted;
+    const std::int64_t dynamics = predicted || k == 0 ? k : k - 1;
+    const bool predicts = predicted || k > 0;
+    const Matrix<double>&A = system_.A.at(dynamics), &C = system_.C.at(k);
+    const double a = A.norm(), b = system_.B.at(dynamics).norm(), c = C.norm();
+    const double P = predicted ? truth.P_predicted.norm() : before_ < 0 ? truth.P_predicted.norm() : before_;
+    const double moved = a * a * P + b * b * norm(system_.Q, dynamics), formed = predicts ? moved : P;
+    const double prior = predicted ? P : formed, r = norm(system_.R, k) + c * c * prior;
+    const auto p = static_cast<double>(C.rows());
+    const double Re_inverse =
+        C.rows() == 0 ? 0 : std::sqrt(p) * truth.innovation_condition / reference::two_norm(truth.innovation);
+    const double kappa = C.rows() == 0 ? 1 : r * Re_inverse, Kf = truth.filter_gain.norm();
+    const double removed = (truth.P_predicted - truth.P_filtered).norm();
+    const double local = holds_root(traits_.holds) ? (1 + std::sqrt(kappa)) * formed
+                                                   : kappa * (formed + removed * (predicted ? a * a : 1));
+
+    const Index n = W_.rows();
+    const Matrix<double> I = Matrix<double>::Identity(n, n);
+    const Matrix<double> of_prior =
+        predicted || !predicts ? W_ : Matrix<double>(congruence(A, W_) + rounding_ * moved * I);
+    const Matrix<double> F = predictor_ ? truth.closed_loop : Matrix<double>(I - truth.filter_gain.lazyProduct(C));
+    const double carried = Re_inverse * std::sqrt(std::max(0.0, congruence(F, of_prior).trace()) *
+                                                  std::max(0.0, congruence(C, of_prior).trace()));
+    const double own = predictor_ ? a * Kf * r + std::sqrt(r * moved) : Kf * r + std::sqrt(r * prior);
+    gain_ = carried + rounding_ * own * Re_inverse;
+    G_ += rounding_ * own;
+    Re_ += rounding_ * r;
+    undamped_ = (G_ + a * Kf * Re_) * Re_inverse;
+    W_ = congruence(predicted ? truth.closed_loop : truth.filtered_closed_loop, W_) + rounding_ * local * I;
+    before_ = truth.P_filtered.norm();
+  }
+
+  double P() const { return W_.norm(); }
+  double K() const { return gain_; }
+  /// The same of a form that holds K Re^{1/2} and Re^{1/2} and adds to them: what was wrong with them once stays.
+  double undamped_K() const { return undamped_; }
+
+ private:
+  const Traits& traits_;
+  bool predictor_;
+  const System& system_;
+  double rounding_, gain_ = 0, G_ = 0, Re_ = 0, undamped_ = 0, before_ = -1;
+  Matrix<double> W_;
+};
 
 double norm_of_inverse(const Covariance& R, std::int64_t k) {
   const Precise X(R.value.at(k));
@@ -146,6 +211,7 @@ const Course& Bench::course(const System& system) {
   form.instant = t.instant;
   form.gain = course->gain_;
   reference::FirstOrderBound bound(form, size, t.roundoff);
+  CovarianceBounds of_covariance(t, course->gain_, complete, rounding);
   const auto stream = complete.data ? complete.data->open() : nullptr;
   double x = 0, remembered = 0;
   for (std::size_t k = 0; k < truths->size(); ++k) {
@@ -161,17 +227,23 @@ const Course& Bench::course(const System& system) {
     const Matrix<double>& P = predicted ? truth.P_next : truth.P_filtered;
     const Matrix<double>& K = course->gain_ == GainKind::predictor ? truth.predictor_gain : truth.filter_gain;
     const Matrix<double>&A = complete.A.at(step), &C = complete.C.at(step);
-    now.P = bound.advance(formed) * P.norm();
-    now.K = bound.gain(formed, C) * K.norm();
-    if (inverts)  // Kf = P_{k|k} C' R^{-1}
+    if (inverts) {
+      now.P = bound.advance(formed) * P.norm();
+      // Kf = P_{k|k} C' R^{-1}
       now.K = (now.P + rounding * truth.P_filtered.norm()) * C.norm() * norm_of_inverse(complete.R, step) *
               (course->gain_ == GainKind::predictor ? A.norm() : 1);
+    } else {
+      of_covariance.advance(step, truth);
+      now.P = of_covariance.P();
+      now.K = of_covariance.K();
+    }
     if (t.holds == Held::gain) {
       // What it was started with comes off again piece by piece: no error is forgotten, theory 3.
       remembered += rounding * truth.innovation_condition *
                     (A.norm() * A.norm() * truth.P_predicted.norm() + truth.P_next.norm()) / std::pow(truth.cosine, 2);
       now.K = std::max(now.K, remembered * A.norm() * C.norm() * truth.innovation_condition /
-                                  std::max(truth.innovation.norm(), 1e-300));
+                                  std::max(truth.innovation.norm(), 1e-300)) +
+              of_covariance.undamped_K();
       now.P = not_a_number;
     }
     if (stream) {

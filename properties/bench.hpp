@@ -33,8 +33,8 @@ class Course {
   /// How many answers there are truths for: all, unless the reference could not go on.
   std::int64_t steps() const { return static_cast<std::int64_t>(truths_.size()) - offset_; }
 
-  /// First-order bounds of the errors of answer k, absolute, in Frobenius norms: reference/bounds.hpp for the form that the
-  /// subject counts as; u (n + m + p) their constant.
+  /// First-order bounds of the errors of answer k, absolute, in Frobenius norms: what each step commits by the tolerance of
+  /// law one-step (of forms that hold P^{-1}, reference/bounds.hpp), carried on by F; u (n + m + p) their constant.
   double P_bound(std::int64_t k) const { return bounds_[index(k)].P; }
   double K_bound(std::int64_t k) const { return bounds_[index(k)].K; }
   double x_bound(std::int64_t k) const { return bounds_[index(k)].x; }

@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 
 #include <kfstab/filters/symmetric_eigen.hpp>
+#include <kfstab/properties/data.hpp>
 
 namespace kfstab::properties {
 
@@ -17,11 +18,6 @@ Precise lower(const Matrix<double>& L) { return Matrix<double>(L.triangularView<
 Precise upper(const Matrix<double>& U) { return Matrix<double>(U.triangularView<Eigen::Upper>()); }
 Precise square(const Precise& L) { return L * L.transposed(); }
 Precise column(const Vector<double>& v) { return Precise(Matrix<double>(v)); }
-
-/// A model's numbers as they stand, exactly.
-struct ExactModel {
-  Precise A, B, C, Q, R, D;
-};
 
 /// Nothing where an inverse is that of a singular matrix.
 std::optional<ExactModel> exact(const CovarianceModel<double>& model) {
@@ -56,12 +52,11 @@ std::optional<Precise> information_of(const Answer& answer) {
   return T.transposed() * T;
 }
 
-template <class Model>
-std::vector<ObservedStep> observe(const Run& run, const Traits& traits, const Problem<Model>& problem,
+std::vector<ObservedStep> observe(const Run& run, const Traits& traits, const ExactSystem& exact,
                                   const System& complete) {
   std::vector<ObservedStep> steps;
-  auto before = initial(problem);
-  auto x_before = complete.data ? std::optional(column(problem.x0)) : std::nullopt;
+  std::optional<Precise> before = exact.P0;
+  auto x_before = complete.data ? std::optional(exact.x0) : std::nullopt;
   const auto data = complete.data ? complete.data->open() : nullptr;
   const auto as_written = run.system.data ? run.system.data->open() : nullptr;
   std::optional<Vector<double>> u_before;
@@ -70,34 +65,34 @@ std::vector<ObservedStep> observe(const Run& run, const Traits& traits, const Pr
     const Answer& answer = run.answers[k];
     const auto step = static_cast<std::int64_t>(k);
     const auto P = covariance(answer);
-    const auto now = exact(problem.model(step));
+    const ExactModel& now = exact.at(step);
     // A filter that starts predicted and answers P_{k|k} comes by the dynamics of the step before.
     const bool late = !answers_predicted && traits.starts_predicted;
-    const auto dynamics = late && k > 0 ? exact(problem.model(step - 1)) : now;
-    if (!P || !now || !dynamics) break;
+    const ExactModel& dynamics = late && k > 0 ? exact.at(step - 1) : now;
+    if (!P) break;
     const bool predicts = !(late && k == 0);
     const StepData* given = data ? &data->next() : nullptr;
     const StepData* written = as_written ? &as_written->next() : nullptr;
     const std::optional<Vector<double>> u_now = given && given->u.size() > 0 ? std::optional(given->u) : std::nullopt;
     const auto& u = late ? u_before : u_now;
 
-    const Precise BQB = dynamics->B * dynamics->Q * dynamics->B.transposed();
+    const Precise BQB = dynamics.B * dynamics.Q * dynamics.B.transposed();
     const bool prior_is_before = answers_predicted || !predicts;
-    const Precise prior = prior_is_before ? *before : dynamics->A * *before * dynamics->A.transposed() + BQB;
+    const Precise prior = prior_is_before ? *before : dynamics.A * *before * dynamics.A.transposed() + BQB;
     ObservedStep seen{.subject = traits,
                       .size = run.system.dimensions(),
                       .k = step,
-                      .A = dynamics->A,
-                      .B = dynamics->B,
-                      .C = now->C,
-                      .Q = dynamics->Q,
-                      .R = now->R,
+                      .A = dynamics.A,
+                      .B = dynamics.B,
+                      .C = now.C,
+                      .Q = dynamics.Q,
+                      .R = now.R,
                       .predicts = predicts,
-                      .measured = now->C.rows() - (written ? written->y.array().isNaN().count() : 0),
+                      .measured = now.C.rows() - (written ? written->y.array().isNaN().count() : 0),
                       .before = *before,
                       .prior = prior,
                       .P = *P,
-                      .Re = now->R + now->C * prior * now->C.transposed(),
+                      .Re = now.R + now.C * prior * now.C.transposed(),
                       .information = information_of(answer),
                       .gain = std::nullopt,
                       .x_before = std::nullopt,
@@ -108,11 +103,11 @@ std::vector<ObservedStep> observe(const Run& run, const Traits& traits, const Pr
                       .log_likelihood = answer.log_likelihood,
                       .update = std::nullopt,
                       .amplified = {}};
-    if (answer.gain && traits.gain && answer.gain->cols() == now->C.rows()) seen.gain = *answer.gain;
+    if (answer.gain && traits.gain && answer.gain->cols() == now.C.rows()) seen.gain = *answer.gain;
     if (given && x_before && answer.state) {
       seen.x_before = x_before;
-      seen.Du = u ? dynamics->D * column(*u) : Precise(Matrix<double>(Matrix<double>::Zero(now->A.rows(), 1)));
-      seen.x_prior = prior_is_before ? *x_before : dynamics->A * *x_before + *seen.Du;
+      seen.Du = u ? dynamics.D * column(*u) : Precise(Matrix<double>(Matrix<double>::Zero(now.A.rows(), 1)));
+      seen.x_prior = prior_is_before ? *x_before : dynamics.A * *x_before + *seen.Du;
       seen.x = column(*answer.state);
       seen.y = column(given->y);
     }
@@ -126,6 +121,25 @@ std::vector<ObservedStep> observe(const Run& run, const Traits& traits, const Pr
 }
 
 }  // namespace
+
+std::optional<ExactSystem> exact_system(const System& complete, Parametrisation takes) {
+  const auto converted = problem(complete, takes);
+  const auto* numbers = std::get_if<AnyProblem<double>>(&converted);
+  if (!numbers) return std::nullopt;
+  return std::visit(
+      [](const auto& any) -> std::optional<ExactSystem> {
+        const auto P0 = initial(any);
+        if (!P0) return std::nullopt;
+        ExactSystem system{{}, *P0, column(any.x0)};
+        for (const auto& model : any.models) {
+          auto numbers_of = exact(model);
+          if (!numbers_of) return std::nullopt;
+          system.models.push_back(*std::move(numbers_of));
+        }
+        return system;
+      },
+      *numbers);
+}
 
 std::optional<Precise> covariance(const Answer& answer) {
   switch (answer.holds) {
@@ -341,10 +355,8 @@ const std::vector<ObservedStep>& observed_steps(Bench& bench, const System& syst
   auto& known = bench.observed_[&run];
   if (!known) {
     const System complete = with_every_measurement(system);
-    const auto converted = problem(complete, bench.traits().takes);
-    std::vector<ObservedStep> steps;
-    if (const auto* numbers = std::get_if<AnyProblem<double>>(&converted))
-      steps = std::visit([&](const auto& any) { return observe(run, bench.traits(), any, complete); }, *numbers);
+    const auto exact = exact_system(complete, bench.traits().takes);
+    auto steps = exact ? observe(run, bench.traits(), *exact, complete) : std::vector<ObservedStep>();
     known = std::make_shared<const std::vector<ObservedStep>>(std::move(steps));
   }
   return *known;
@@ -363,6 +375,76 @@ std::optional<Finding> worst_step(Bench& bench, const System& system,
     worst = std::move(found);
   }
   return worst;
+}
+
+std::vector<double> asymmetric_errors(Bench& bench, const System& system) {
+  const Run& run = bench.run(system);
+  const Traits& subject = bench.traits();
+  const Course& course = bench.course(system);
+  const System complete = with_every_measurement(subject.starts_predicted ? system : delayed(system));
+  std::vector<double> errors;
+  double leaked = 0, D = 0;
+  const auto steps = std::min(course.steps(), static_cast<std::int64_t>(run.answers.size()));
+  for (std::int64_t k = 0; k < steps; ++k) {
+    const Answer& answer = run.answers[static_cast<std::size_t>(k)];
+    if (answer.holds == Held::covariance && subject.asymmetry != Asymmetry::none) {
+      const std::int64_t step = subject.starts_predicted ? k : k + 1;
+      const bool predicted = subject.instant == Instant::predicted;
+      const reference::Truth& truth = course.truth(k);
+      const double f = (predicted ? truth.closed_loop : truth.filtered_closed_loop).norm();
+      const double a = complete.A.at(predicted || step == 0 ? step : step - 1).norm();
+      const double carried = a * (1 + truth.filter_gain.lazyProduct(complete.C.at(step)).norm());
+      leaked = f * f * leaked + 4 * carried * carried * D;
+      D = (answer.held - answer.held.transpose()).norm();
+    }
+    errors.push_back(leaked + D);
+  }
+  return errors;
+}
+
+std::optional<Simulation> long_run(const System& system) {
+  const Dimensions size = system.dimensions();
+  if (!system.time_invariant() || size.n == 0 || size.p == 0 || std::max({size.n, size.m, size.p}) > 2)
+    return std::nullopt;
+  constexpr std::int64_t steps = 60;
+  System longer = system;
+  longer.steps = steps;
+  longer.data = nullptr;
+  longer.D = Sequence(Matrix<double>(size.n, 0));
+  // The state is measured too, without noise: that tells what it is.
+  System seen = longer;
+  Matrix<double> C(size.p + size.n, size.n), R = Matrix<double>::Zero(size.p + size.n, size.p + size.n);
+  C.topRows(size.p) = system.C.at(0);
+  C.bottomRows(size.n).setIdentity();
+  R.topLeftCorner(size.p, size.p) = system.R.value.at(0);
+  seen.C = Sequence(C);
+  seen.R.value = Sequence(R);
+  const auto stream = Simulated(seen, 1986).open();
+  Matrix<double> y(size.p, steps), x(size.n, steps);
+  for (std::int64_t k = 0; k < steps; ++k) {
+    const StepData& step = stream->next();
+    y.col(k) = step.y.head(size.p);
+    x.col(k) = step.y.tail(size.n);
+  }
+  longer.data = std::make_shared<Recorded>(std::move(y), Matrix<double>(0, steps));
+  return Simulation{std::move(longer), std::move(x)};
+}
+
+std::optional<std::vector<Vector<double>>> long_run_innovations(Bench& bench, const System& system) {
+  const auto simulation = long_run(system);
+  if (!simulation || refusal(bench.traits(), simulation->system)) return std::nullopt;
+  std::vector<Vector<double>> innovations;
+  for (const ObservedStep& s : observed_steps(bench, simulation->system)) {
+    const auto root = s.Re.lower_root();
+    if (!s.x_prior || !s.update || !s.first_order() || !root) return std::nullopt;
+    const double rounded = largest_ratio * s.rounding() * (s.C.norm() * s.state_amplification() + s.y->norm());
+    if (!(rounded * std::sqrt(s.update->Re_inverse.norm()) <= 0.1)) return std::nullopt;
+    const auto inverse = root->inverse();
+    if (!inverse) return std::nullopt;
+    innovations.emplace_back((*inverse * (*s.y - s.C * *s.x_prior)).rounded().col(0));
+  }
+  if (static_cast<std::int64_t>(innovations.size()) < simulation->system.steps) return std::nullopt;
+  return innovations;
 }
 
 }  // namespace kfstab::properties

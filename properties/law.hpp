@@ -50,6 +50,20 @@ std::string largest_difference(std::string_view name, const Precise& found, cons
 /// unit or two of a ratio.
 double below_zero(const Precise& X);
 
+/// The numbers that a subject is given, without rounding.
+struct ExactModel {
+  Precise A, B, C, Q, R, D;
+};
+struct ExactSystem {
+  std::vector<ExactModel> models;  ///< of one period, as a Problem has them
+  Precise P0, x0;
+  const ExactModel& at(std::int64_t k) const { return models[static_cast<std::size_t>(k) % models.size()]; }
+};
+
+/// @param complete  with every measurement there
+/// Nothing where the parametrisation does not apply.
+std::optional<ExactSystem> exact_system(const System& complete, Parametrisation takes);
+
 /// One step of a subject, as laws see it that are about one step: what it was given and what it answered, without rounding.
 struct ObservedStep {
   const Traits& subject;
@@ -142,6 +156,24 @@ std::optional<Finding> worst_step(Bench& bench, const System& system,
 
 /// The steps themselves; computed once. Valid until Bench::forget().
 const std::vector<ObservedStep>& observed_steps(Bench& bench, const System& system);
+
+/// What an asymmetry of P may have made of P up to each answer, absolute, of a filter that lets P lose its symmetry: theory
+/// (3.6), as ObservedStep::asymmetric, carried on by F; with the asymmetry itself. As many as there are truths.
+std::vector<double> asymmetric_errors(Bench& bench, const System& system);
+
+/// A long run with data drawn from the system itself.
+struct Simulation {
+  System system;
+  Matrix<double> x;  ///< the states, n x steps
+};
+
+/// For laws of the long run: 60 steps, of the systems for which they are cheap: time-invariant, n, m, p <= 2, p > 0.
+/// Nothing for others.
+std::optional<Simulation> long_run(const System& system);
+
+/// The standardised innovations Re^{-1/2} (y - C x_{k|k-1}) of the subject's long run, by its own P and x. Nothing where there
+/// is no such run, where it ends early, or where rounding might be seen in them.
+std::optional<std::vector<Vector<double>>> long_run_innovations(Bench& bench, const System& system);
 
 /// P of an answer, from a factor without rounding; nothing where it holds none, or an information matrix that is singular.
 std::optional<Precise> covariance(const Answer& answer);
