@@ -11,6 +11,7 @@
 #include <kfstab/experiments/interruption.hpp>
 #include <kfstab/filters/counting.hpp>
 #include <kfstab/filters/registry.hpp>
+#include <kfstab/properties/data.hpp>
 #include <kfstab/reports/number.hpp>
 
 namespace kfstab::experiments {
@@ -152,7 +153,8 @@ void tell(Explanation& e, const SystemRun& run) {
 }
 
 /// The same run in numbers that count.
-std::optional<Cancellations> count(const properties::System& system, const Metadata& filter, std::int64_t steps) {
+std::optional<Cancellations> count(const properties::System& asked, const Metadata& filter, std::int64_t steps) {
+  const properties::System system = properties::with_every_measurement(asked);
   using Number = Counting<double>;
   const auto to_number = [](double x) { return Number(x); };
   const auto made = properties::problem(system, filter.takes);

@@ -1,6 +1,7 @@
 #include <kfstab/experiments/reference_steps.hpp>
 
 #include <algorithm>
+#include <cmath>
 #include <fstream>
 #include <limits>
 #include <memory>
@@ -11,6 +12,7 @@
 #include <kfstab/experiments/context.hpp>
 #include <kfstab/experiments/interruption.hpp>
 #include <kfstab/experiments/step_cache.hpp>
+#include <kfstab/properties/data.hpp>
 #include <kfstab/properties/exact.hpp>
 #include <kfstab/reference/trajectory.hpp>
 #include <kfstab/reports/files.hpp>
@@ -50,8 +52,11 @@ class Line {
     step_[name] = std::move(list);
   }
   void number(const char* name, Quantity quantity) { step_[name] = rows(quantity).front().front(); }
-  void data(const StepDataOf<Rational>& data) {
+  /// written: y as it was, with a NaN for an entry that is missing.
+  void data(const StepDataOf<Rational>& data, const Vector<double>& written) {
     step_["y"] = texts(data.y);
+    for (Index i = 0; i < written.size(); ++i)
+      if (std::isnan(written(i))) step_["y"][static_cast<std::size_t>(i)] = "missing";
     if (data.u.size() > 0) step_["u"] = texts(data.u);
   }
   std::string text() {
@@ -74,8 +79,10 @@ class Line {
 /// Computes step by step, and says what each came to.
 class Computation {
  public:
-  Computation(const ExactProblem& problem, std::shared_ptr<const ExactData> data, int digits)
-      : digits_(digits), data_(data ? data->open() : nullptr), truth_(problem, data, {.digits = digits, .each_entry = true}) {}
+  /// written: the data in which what is missing is still so.
+  Computation(const ExactProblem& problem, std::shared_ptr<const ExactData> data, const Data* written, int digits)
+      : digits_(digits), data_(data ? data->open() : nullptr), written_(written ? written->open() : nullptr),
+        truth_(problem, data, {.digits = digits, .each_entry = true}) {}
 
   std::string next() {
     truth_.advance();
@@ -86,8 +93,10 @@ class Computation {
     line.matrix("Re", Quantity::innovation);
     if (data_) {
       line.vector("x", Quantity::x_predicted);
-      line.number("log_likelihood", Quantity::log_likelihood);
-      line.data(data_->next());
+      const Vector<double>& written = written_->next().y;
+      // That of the reference counts the zeros in the place of what is missing.
+      if (!written.hasNaN()) line.number("log_likelihood", Quantity::log_likelihood);
+      line.data(data_->next(), written);
     }
     return line.text();
   }
@@ -95,6 +104,7 @@ class Computation {
  private:
   int digits_;
   std::unique_ptr<DataStreamOf<Rational>> data_;
+  std::unique_ptr<DataStream> written_;
   Trajectory truth_;
 };
 
@@ -115,7 +125,8 @@ void add_program(Fingerprint& fingerprint) {
 }
 
 /// Of everything that the lines depend on.
-std::string cache_key(const ExactProblem& problem, const ExactData* data, std::int64_t steps, int digits) {
+std::string cache_key(const ExactProblem& problem, const ExactData* data, const Data* written, std::int64_t steps,
+                      int digits) {
   Fingerprint fingerprint;
   add_program(fingerprint);
   fingerprint.add(std::to_string(digits));
@@ -128,10 +139,12 @@ std::string cache_key(const ExactProblem& problem, const ExactData* data, std::i
   fingerprint.add(data ? "data" : "no data");
   if (data) {
     const auto stream = data->open();
+    const auto with_gaps = written->open();
     for (std::int64_t k = 0; k < steps; ++k) {
       const auto& step = stream->next();
       add(fingerprint, step.y);
       add(fingerprint, step.u);
+      for (const double y : with_gaps->next().y) fingerprint.add(std::isnan(y) ? "missing" : "there");
     }
   }
   return fingerprint.hex();
@@ -151,8 +164,9 @@ ReferenceOutcome reference_steps(const properties::System& system, const Referen
   std::optional<StepCache> cache;
   if (!request.cache.empty()) cache.emplace(request.cache);
   try {
-    const ExactProblem problem = properties::exact_problem(system);
-    const auto data = properties::exact_data(system);
+    const properties::System complete = properties::with_every_measurement(system);
+    const ExactProblem problem = properties::exact_problem(complete);
+    const auto data = properties::exact_data(complete);
     std::optional<StepCache::Entry> entry;
     // A cache that cannot be written is a pity, not an error.
     const auto keep = [&](auto write) {
@@ -164,7 +178,7 @@ ReferenceOutcome reference_steps(const properties::System& system, const Referen
       }
     };
     if (cache) {
-      const std::string key = cache_key(problem, data.get(), system.steps, request.digits);
+      const std::string key = cache_key(problem, data.get(), system.data.get(), system.steps, request.digits);
       const bool known = cache->replay(key, [&](std::string_view line) {
         outcome.interrupted = interrupted();
         if (!outcome.interrupted) done(line);
@@ -174,7 +188,7 @@ ReferenceOutcome reference_steps(const properties::System& system, const Referen
       keep([&] { entry.emplace(*cache, key); });
     }
 
-    Computation computation(problem, data, request.digits);
+    Computation computation(problem, data, system.data.get(), request.digits);
     for (std::int64_t k = 0; k < system.steps; ++k) {
       outcome.interrupted = interrupted();
       if (outcome.interrupted) return outcome;

@@ -182,8 +182,9 @@ std::vector<std::unique_ptr<Trajectory>> trajectories(std::map<Parametrisation, 
 
 }  // namespace
 
-SystemRun run(const properties::System& system, const std::vector<const Metadata*>& filters,
+SystemRun run(const properties::System& asked, const std::vector<const Metadata*>& filters,
               const RunOptions& options) {
+  const properties::System system = properties::with_every_measurement(asked);
   SystemRun result;
   result.name = system.name;
   result.description = system.description;
@@ -199,7 +200,7 @@ SystemRun run(const properties::System& system, const std::vector<const Metadata
   for (const Metadata* metadata : filters) {
     Runner& runner = runners.emplace_back();
     runner.result.metadata = metadata;
-    if (const auto refusal = properties::refusal(*metadata, system)) {
+    if (const auto refusal = properties::refusal(*metadata, asked)) {
       runner.result.refused = refusal->reason;
       continue;
     }

@@ -85,7 +85,8 @@ struct RunOptions {
   std::function<void(const Observation&)> observe = {};
 };
 
-/// Runs the filters (metadata of the registry) on the system. Stops early when interrupted() or when the reference has
+/// Runs the filters (metadata of the registry) on the system; missing measurements as properties::with_every_measurement has
+/// them. Stops early when interrupted() or when the reference has
 /// no answer, and keeps what is done.
 SystemRun run(const properties::System& system, const std::vector<const Metadata*>& filters, const RunOptions& options);
 

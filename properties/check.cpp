@@ -110,6 +110,7 @@ class Check {
         failure.system = std::move(smallest);
         failure.finding = *std::move(found);
         failure.shrinks = shrinks;
+        failure.irrelevant = irrelevant(failure.drawn, failure.system);
       }
     }
   }

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <fstream>
 #include <iterator>
+#include <limits>
 #include <optional>
 #include <string_view>
 #include <system_error>
@@ -107,7 +108,7 @@ std::string read_text(const std::filesystem::path& file, std::uintmax_t limit, c
   return text;
 }
 
-Matrix<double> read_csv(const std::filesystem::path& file, const std::string& name, Index count) {
+Matrix<double> read_csv(const std::filesystem::path& file, const std::string& name, Index count, Gaps gaps) {
   const std::string text = read_text(file, std::uintmax_t{256} << 20, " bytes in a CSV file");
   Place place{file.string(), 1, 0, {}, {}};
 
@@ -137,7 +138,8 @@ Matrix<double> read_csv(const std::filesystem::path& file, const std::string& na
       throw InputError(place, std::to_string(cells.size()) + " cells", std::to_string(titles.size()) + ", as the first line has");
     for (const std::size_t column : columns) {
       place.field = titles[column];
-      values.push_back(number_in(cells[column], place));
+      const bool gap = gaps == Gaps::allowed && (cells[column].empty() || cells[column] == "missing");
+      values.push_back(gap ? std::numeric_limits<double>::quiet_NaN() : number_in(cells[column], place));
     }
     ++rows;
   }

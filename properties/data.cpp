@@ -1,5 +1,6 @@
 #include <kfstab/properties/data.hpp>
 
+#include <cmath>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -79,7 +80,91 @@ class SimulatedStream final : public DataStream {
   std::int64_t k_ = 0;
 };
 
+// --- missing measurements -----------------------------------------------------------------------------------------------
+
+/// One matrix a step, what was written exactly with it.
+Sequence unrolled(const Sequence& sequence, std::int64_t steps) {
+  Sequence all(Sequence::Kind::list, {});
+  const std::size_t period = sequence.matrices.size();
+  for (std::size_t k = 0; k < static_cast<std::size_t>(steps); ++k) {
+    all.matrices.push_back(sequence.matrices[k % period]);
+    for (const ExactEntry& entry : sequence.exact)
+      if (entry.matrix == k % period) all.exact.push_back({k, entry.row, entry.col, entry.text});
+  }
+  return all;
+}
+
+using Missing = Eigen::Array<bool, Dynamic, Dynamic>;
+
+/// Whether a lower root of R with e_i for each row i that is missing is one of R without what is missing: where no entry that
+/// is there has a part in the column of a missing one.
+bool stays_root(const Matrix<double>& root, const Missing& missing, Index k) {
+  for (Index i = 0; i < root.rows(); ++i)
+    for (Index j = 0; j < i; ++j)
+      if (missing(j, k) && !missing(i, k) && root(i, j) != 0) return false;
+  return true;
+}
+
+/// R as covariances, rounded once.
+Sequence multiplied_out(const System& system) {
+  const auto converted = problem(system, Parametrisation::covariance);
+  if (const auto* why = std::get_if<Refusal>(&converted)) throw std::invalid_argument(why->reason);
+  const auto& numbers = std::get<Problem<CovarianceModel<double>>>(std::get<AnyProblem<double>>(converted));
+  Sequence R(Sequence::Kind::list, {});
+  for (std::int64_t k = 0; k < system.steps; ++k) R.matrices.push_back(numbers.model(k).R);
+  return R;
+}
+
 }  // namespace
+
+bool measurements_missing(const System& system) {
+  if (!system.data || dynamic_cast<const Simulated*>(system.data.get())) return false;
+  const auto stream = system.data->open();
+  for (std::int64_t k = 0; k < system.steps; ++k)
+    if (stream->next().y.hasNaN()) return true;
+  return false;
+}
+
+System with_every_measurement(const System& system) {
+  if (!measurements_missing(system)) return system;
+  const Index p = system.C.rows();
+  Matrix<double> y(p, system.steps), u(system.inputs(), system.steps);
+  const auto stream = system.data->open();
+  for (Index k = 0; k < system.steps; ++k) {
+    const StepData& step = stream->next();
+    y.col(k) = step.y;
+    if (step.u.size() > 0) u.col(k) = step.u;
+  }
+  const Missing missing = y.array().isNaN();
+  y = missing.select(0, y);
+
+  System complete = system;
+  complete.C = unrolled(system.C, system.steps);
+  Sequence R = unrolled(system.R.value, system.steps);
+  for (Index k = 0; k < system.steps; ++k)
+    if (system.R.written == Covariance::Written::root && complete.R.written == system.R.written &&
+        !stays_root(R.matrices[static_cast<std::size_t>(k)], missing, k)) {
+      R = multiplied_out(system);
+      complete.R.written = Covariance::Written::covariance;
+    }
+  const bool covariance = complete.R.written == Covariance::Written::covariance;
+  for (Index k = 0; k < system.steps; ++k)
+    for (Index i = 0; i < p; ++i) {
+      if (!missing(i, k)) continue;
+      complete.C.matrices[static_cast<std::size_t>(k)].row(i).setZero();
+      Matrix<double>& now = R.matrices[static_cast<std::size_t>(k)];
+      now.row(i).setZero();
+      if (covariance) now.col(i).setZero();
+      now(i, i) = 1;
+    }
+  // What was written exactly and is overwritten now counts as the double that it is: exact_value sees to that.
+  complete.R.value = std::move(R);
+  const auto* recorded = dynamic_cast<const Recorded*>(system.data.get());
+  complete.data = std::make_shared<Recorded>(std::move(y), std::move(u),
+                                             recorded ? recorded->exact_y() : std::vector<ExactEntry>(),
+                                             recorded ? recorded->exact_u() : std::vector<ExactEntry>());
+  return complete;
+}
 
 Recorded::Recorded(Matrix<double> y, Matrix<double> u, std::vector<ExactEntry> exact_y, std::vector<ExactEntry> exact_u)
     : y_(std::make_shared<const Matrix<double>>(std::move(y))),

@@ -6,11 +6,11 @@
 
 #include <kfstab/properties/system.hpp>
 
-/// The two kinds of data that a System can have. Streams of both hold one step; asking for more steps than there are
-/// throws std::out_of_range.
+/// The two kinds of data that a System can have, and what becomes of measurements that are missing. Streams of both kinds hold
+/// one step; asking for more steps than there are throws std::out_of_range.
 namespace kfstab::properties {
 
-/// Data that were recorded: y (p x steps) and u (inputs x steps), a step a column.
+/// Data that were recorded: y (p x steps) and u (inputs x steps), a step a column. A NaN in y is an entry that is missing.
 class Recorded final : public Data {
  public:
   /// exact_y, exact_u: entries that were written exactly, ordered by column.
@@ -48,5 +48,17 @@ class Simulated final : public Data {
   std::vector<ExactEntry> exact_u_;
   std::uint64_t seed_;
 };
+
+/// Whether entries of y are missing within the system's steps.
+bool measurements_missing(const System& system);
+
+/// The same system with every measurement there: a missing y_i has a row of 0 in C, a variance of 1 and no correlation in R,
+/// and is 0, which tells as little. So missing measurements are run by filters that know nothing of them; P, K (with columns
+/// of 0) and x are those of the system, each missing entry adds -log(2 pi)/2 to the log-likelihood.
+///
+/// C and R are lists then, one a step; exact entries stay, but for those of a root of R that has to be multiplied out: one
+/// in which an entry that is there is correlated with a missing one before it. Throws std::invalid_argument where that is
+/// beyond the range of double.
+System with_every_measurement(const System& system);
 
 }  // namespace kfstab::properties

@@ -8,7 +8,6 @@
 #include <fmt/format.h>
 
 #include <kfstab/filters/registry.hpp>
-#include <kfstab/properties/data.hpp>
 
 namespace kfstab::properties {
 
@@ -27,16 +26,6 @@ class Feed {
   std::unique_ptr<DataStream> stream_;
   const StepData* step_ = nullptr;
 };
-
-bool some_missing(const System& system) {
-  if (!system.data) return false;
-  Feed feed(system.data.get());
-  for (std::int64_t k = 0; k < system.steps; ++k) {
-    feed.next();
-    if (feed.y()->hasNaN()) return true;
-  }
-  return false;
-}
 
 // --- the registry's door ------------------------------------------------------------------------------------------------
 
@@ -59,7 +48,7 @@ class BuiltIn final : public Subject {
 
   Ending run(const System& system, const std::function<bool(std::int64_t, const Answer&)>& each) override {
     if (const auto why = refusal(traits_, system)) return {Ending::Kind::refused, -1, why->reason};
-    if (some_missing(system)) return run_complete(with_every_measurement(system), each);
+    if (measurements_missing(system)) return run_complete(with_every_measurement(system), each);
     return run_complete(system, each);
   }
 
@@ -205,57 +194,12 @@ std::unique_ptr<Subject> built_in(std::unique_ptr<AnyFilter<double>> filter) {
   return std::make_unique<BuiltIn>(std::move(filter));
 }
 
-System with_every_measurement(const System& system) {
-  if (!some_missing(system)) return system;
-  System complete = system;
-  const auto steps = static_cast<std::size_t>(system.steps);
-  const Index p = system.C.rows();
-  std::vector<Matrix<double>> C, R;
-  Matrix<double> y(p, system.steps), u(system.inputs(), system.steps);
-  Feed feed(system.data.get());
-  for (std::size_t k = 0; k < steps; ++k) {
-    const auto step = static_cast<std::int64_t>(k);
-    feed.next();
-    C.push_back(system.C.at(step));
-    R.push_back(system.R.value.at(step));
-    y.col(step) = *feed.y();
-    if (feed.u()) u.col(step) = *feed.u();
-    for (Index i = 0; i < p; ++i) {
-      if (!std::isnan(y(i, step))) continue;
-      y(i, step) = 0;
-      C.back().row(i).setZero();
-    }
-  }
-  // A root of R keeps its rows: with C_i = 0 and no innovation in y_i it would still correlate, so R is taken as a covariance.
-  if (system.R.written == Covariance::Written::root) {
-    const auto converted = problem(system, Parametrisation::covariance);
-    if (const auto* why = std::get_if<Refusal>(&converted)) throw std::invalid_argument(why->reason);
-    const auto& numbers = std::get<Problem<CovarianceModel<double>>>(std::get<AnyProblem<double>>(converted));
-    for (std::size_t k = 0; k < steps; ++k) R[k] = numbers.model(static_cast<std::int64_t>(k)).R;
-    complete.R.written = Covariance::Written::covariance;
-  }
-  Feed again(system.data.get());
-  for (std::size_t k = 0; k < steps; ++k) {
-    again.next();
-    for (Index i = 0; i < p; ++i) {
-      if (!std::isnan((*again.y())(i))) continue;
-      R[k].row(i).setZero();
-      R[k].col(i).setZero();
-      R[k](i, i) = 1;
-    }
-  }
-  complete.C = Sequence(Sequence::Kind::list, std::move(C));
-  complete.R.value = Sequence(Sequence::Kind::list, std::move(R));
-  complete.data = std::make_shared<Recorded>(std::move(y), std::move(u));
-  return complete;
-}
-
 std::optional<Refusal> refusal(const Traits& traits, const System& system) {
   Metadata needs;
   needs.id = traits.name;
   needs.needs = traits.needs;
   if (auto why = refusal(needs, system)) return why;
-  if (traits.measurement_every_step && some_missing(system))
+  if (traits.measurement_every_step && measurements_missing(system))
     return Refusal{traits.name + " needs a measurement at every step: some are missing"};
   return std::nullopt;
 }

@@ -10,6 +10,7 @@
 #include <variant>
 
 #include <kfstab/filters/any_filter.hpp>
+#include <kfstab/properties/data.hpp>
 #include <kfstab/properties/system.hpp>
 
 /// Filters under check: the one interface through which the check engine, run and compare see a filter, ours or foreign.
@@ -113,10 +114,6 @@ std::unique_ptr<Subject> subject(std::unique_ptr<StepwiseFilter> filter);
 std::unique_ptr<Subject> built_in(std::string_view id);
 /// One that is not in the registry, or not as the registry has it.
 std::unique_ptr<Subject> built_in(std::unique_ptr<AnyFilter<double>> filter);
-
-/// The same system with every measurement there: a missing y_i has a row of 0 in C, a variance of 1 and no correlation in R,
-/// and is 0, which tells as little. So missing measurements are run by filters that know nothing of them.
-System with_every_measurement(const System& system);
 
 /// Why the system is not for the subject, or nothing.
 std::optional<Refusal> refusal(const Traits& traits, const System& system);

@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 
 #include <kfstab/filters/linear_solve.hpp>
+#include <kfstab/properties/data.hpp>
 #include <kfstab/properties/precise.hpp>
 #include <kfstab/reference/definiteness.hpp>
 
@@ -219,6 +220,8 @@ std::optional<Refusal> refusal(const Metadata& filter, const System& system) {
   };
   if (filter.needs.time_invariant && !system.time_invariant())
     return because("a time-invariant system", "its matrices change from step to step");
+  if (filter.needs.time_invariant && measurements_missing(system))
+    return because("a time-invariant system", "measurements are missing, and C is another where they are");
   if (filter.needs.invertible_A)
     if (const auto A = first_singular("A", system.A)) return because("an invertible A", *A + " is singular");
   if (filter.needs.positive_definite_Q)

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <initializer_list>
+#include <limits>
 #include <map>
 #include <tuple>
 #include <utility>
@@ -24,6 +25,8 @@ namespace {
 constexpr std::uintmax_t largest_file = std::uintmax_t{8} << 20;
 /// Larger models are not for text files, and { identity = 1000000 } is a slip.
 constexpr Index largest_dimension = 1000;
+/// What stands in the place of a measurement that is not there.
+constexpr std::string_view missing = "missing";
 constexpr double largest_steps = 9007199254740992.0;  // 2^53: every step has a number in double
 
 std::string in_quotes(std::string_view text) {
@@ -485,7 +488,8 @@ class Reader {
   // --- data -----------------------------------------------------------------------------------------------------------
 
   /// One row a step, or a CSV file with one: width x steps, a step a column, as a constant sequence.
-  Sequence rows_of_data(const Node& node, const std::string& field, const std::string& column, Index width) const {
+  Sequence rows_of_data(const Node& node, const std::string& field, const std::string& column, Index width,
+                        Gaps gaps) const {
     if (const Node::Table* table = node.table()) {
       const Node* csv = member(*table, "csv");
       if (!csv || !csv->text()) refuse(csv ? *csv : node, field + ".csv", csv ? kind(*csv) : "no such key", "the name of a CSV file");
@@ -493,7 +497,7 @@ class Reader {
       const std::filesystem::path file = folder_ / *csv->text();
       Matrix<double> data;
       try {
-        data = read_csv(file, column, width);
+        data = read_csv(file, column, width, gaps);
       } catch (const InputError& error) {
         if (error.place().line > 0) throw;
         refuse(*csv, field + ".csv", error.place().origin + ", " + error.found(), error.expected());
@@ -506,19 +510,24 @@ class Reader {
     require_one_a_step(node, field, rows->size(), "rows");
     Sequence read(Matrix<double>(width, static_cast<Index>(rows->size())));
     Matrix<double>& data = read.matrices.front();
+    const auto read_datum = [&](const Node& datum, const std::string& datum_field, Index i, Index k) {
+      if (gaps == Gaps::allowed && datum.text() && *datum.text() == missing)
+        data(i, k) = std::numeric_limits<double>::quiet_NaN();
+      else
+        read_entry(datum, datum_field, data, i, k, read.exact);
+    };
     for (Index k = 0; k < data.cols(); ++k) {
       const Node& row = (*rows)[static_cast<std::size_t>(k)];
       const Node::List* entries = row.list();
       if (!entries && width == 1) {
-        read_entry(row, fmt::format("{}[{}]", field, k), data, 0, k, read.exact);
+        read_datum(row, fmt::format("{}[{}]", field, k), 0, k);
         continue;
       }
       if (!entries || static_cast<Index>(entries->size()) != width)
         refuse(row, fmt::format("{}[{}]", field, k), entries ? fmt::format("{} entries", entries->size()) : kind(row),
                fmt::format("a row of {}", width));
       for (Index i = 0; i < width; ++i)
-        read_entry((*entries)[static_cast<std::size_t>(i)], fmt::format("{}[{},{}]", field, k, i), data, i, k,
-                   read.exact);
+        read_datum((*entries)[static_cast<std::size_t>(i)], fmt::format("{}[{},{}]", field, k, i), i, k);
     }
     return read;
   }
@@ -533,7 +542,7 @@ class Reader {
       throw InputError({origin_, 0, 0, {}, "inputs"}, "no such key", fmt::format("the {} inputs of each step, for D has {} columns", system_.inputs(), system_.inputs()));
 
     Sequence u;
-    if (inputs) u = rows_of_data(*inputs, "inputs", "u", system_.inputs());
+    if (inputs) u = rows_of_data(*inputs, "inputs", "u", system_.inputs(), Gaps::refused);
 
     if (const Node::Table* table = measurements->table()) {
       require_known_keys(*table, "measurements", {"csv", "simulate"});
@@ -551,7 +560,7 @@ class Reader {
         return;
       }
     }
-    Sequence y = rows_of_data(*measurements, "measurements", "y", system_.dimensions().p);
+    Sequence y = rows_of_data(*measurements, "measurements", "y", system_.dimensions().p, Gaps::allowed);
     system_.data = std::make_shared<Recorded>(std::move(y.matrices.front()), std::move(u.matrices.front()),
                                               std::move(y.exact), std::move(u.exact));
   }
@@ -584,8 +593,11 @@ std::string text_literal(const std::string& text) {
   return literal + '"';
 }
 
-/// The shortest that reads back as x. An integer has no negative zero.
-std::string number_literal(double x) { return x == 0 && std::signbit(x) ? "-0.0" : fmt::format("{}", x); }
+/// The shortest that reads back as x. An integer has no negative zero; only measurements are NaN, those that are missing.
+std::string number_literal(double x) {
+  if (std::isnan(x)) return text_literal(std::string(missing));
+  return x == 0 && std::signbit(x) ? "-0.0" : fmt::format("{}", x);
+}
 
 /// What was written exactly, where it still holds.
 class Literals {

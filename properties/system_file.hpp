@@ -34,7 +34,8 @@ System read_system_text(std::string_view text, Format format, std::string origin
                         const std::filesystem::path& folder = {});
 
 /// The system as TOML that reads back as the same system, bit by bit: numbers are the shortest that round-trip, what was
-/// written exactly is written again, parameters keep their values (expressions are gone), data are written row by row but for simulated ones, which keep their seed.
+/// written exactly is written again, parameters keep their values (expressions are gone), data are written row by row,
+/// what is missing as "missing", but for simulated ones, which keep their seed.
 std::string write_system(const System& system);
 
 }  // namespace kfstab::properties

@@ -132,6 +132,22 @@ void expect_all_right(const System& system, int most) {
   EXPECT_EQ(k, system.steps);
 }
 
+TEST(ReferenceSteps, MissingMeasurementsAreSaidToBe) {
+  const std::string gaps =
+      "name = 'gaps'\nsteps = 3\nA = 2\nB = 1\nC = [[1], [1]]\nQ = 1\nR = {diagonal = [1, 3]}\nP0 = 1\n"
+      "measurements = [[1, 2], ['missing', 2], ['missing', 'missing']]\n";
+  const auto all = lines(system_of(gaps), {.digits = 10, .cache = {}, .progress = {}});
+  ASSERT_EQ(all.size(), 3U);
+  const json first = json::parse(all[0]), second = json::parse(all[1]), third = json::parse(all[2]);
+  EXPECT_EQ(first["y"], json::array({"1", "2"}));
+  EXPECT_TRUE(first.contains("log_likelihood"));
+  EXPECT_EQ(second["y"], json::array({"missing", "2"}));
+  EXPECT_FALSE(second.contains("log_likelihood"));
+  EXPECT_EQ(second["K"][0][0], "0");
+  EXPECT_EQ(third["y"], json::array({"missing", "missing"}));
+  EXPECT_EQ(third["P"], third["P_filtered"]);
+}
+
 TEST(ReferenceSteps, EveryPrintedDigitIsRight) {
   for (const int most : {1, 17, 60}) {
     expect_all_right(system_of(tracking), most);

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <csignal>
 #include <cstdlib>
+#include <limits>
 #include <string>
 
 #include <gtest/gtest.h>
@@ -10,6 +11,7 @@
 #include <kfstab/experiments/catalogue.hpp>
 #include <kfstab/experiments/interruption.hpp>
 #include <kfstab/experiments/selection.hpp>
+#include <kfstab/properties/data.hpp>
 
 using namespace kfstab;
 using namespace kfstab::experiments;
@@ -178,6 +180,24 @@ TEST(Run, KnownInputsReachFiltersAndReferenceAlike) {
     ASSERT_EQ(f.state_error.count(), 4) << f.metadata->id;
     EXPECT_LT(f.state_error.largest(), 1e-8) << f.metadata->id;
   }
+}
+
+TEST(Run, MeasurementsMayBeMissing) {
+  const std::string gaps = benign + "measurements = { simulate = { seed = 1 } }\n";
+  const auto written = system_of_text(gaps);
+  properties::System system = written;
+  Matrix<double> y(system.C.rows(), system.steps);
+  const auto stream = system.data->open();
+  for (Index k = 0; k < system.steps; ++k) y.col(k) = stream->next().y;
+  y.col(3).setConstant(std::numeric_limits<double>::quiet_NaN());
+  system.data = std::make_shared<properties::Recorded>(y, Matrix<double>(0, system.steps));
+  const SystemRun result = run(system, select_filters("^(ckf|srcf|srif|csrf)$"), {});
+  EXPECT_FALSE(result.reference_error);
+  for (const char* id : {"ckf", "srcf", "srif"}) {
+    EXPECT_EQ(find(result, id).state_error.count(), system.steps) << id;
+    EXPECT_LT(find(result, id).state_error.largest(), 1e-12) << id;  // as WithoutDataThereIsNoStateCurve has it
+  }
+  EXPECT_NE(find(result, "csrf").refused->find("measurements are missing"), std::string::npos);
 }
 
 TEST(Run, WhatDoesNotApplyIsRefusedByNameAndTheOthersRun) {

@@ -152,7 +152,7 @@ TEST_P(Agreement, OfEveryFilterWithTheReference) {
   Options options;
   options.worst_condition = worst_condition;
   options.most_steps = 10;
-  options.singular = false;
+  options.singular = options.data = options.units = false;
   options.p = {1, 6};
   const auto generator = systems(options);
 

@@ -3,6 +3,9 @@
 #include <boost/random/mersenne_twister.hpp>
 #include <boost/random/normal_distribution.hpp>
 
+#include <kfstab/properties/exact.hpp>
+#include <kfstab/reference/exact_filter.hpp>
+
 #include "systems.hpp"
 
 namespace kfstab::properties::testing {
@@ -107,6 +110,82 @@ TEST(Recorded, BringsColumnAfterColumn) {
   EXPECT_EQ(stream->next().y(0), 2);
   EXPECT_THROW(stream->next(), std::out_of_range);
   EXPECT_EQ(data.open()->next().u.size(), 0);
+}
+
+// --- missing measurements -----------------------------------------------------------------------------------------------
+
+/// n = 2, m = 1, p = 3, three steps: the first has all, the second the entries 0 and 2, the third none.
+System with_gaps(const std::string& R) {
+  return read_toml("name = 'gaps'\nA = [[1, 0.5], [0, 0.75]]\nB = [[0], [1]]\nC = [[1, 0], [1, 1], ['1/3', 0]]\nQ = 0.5\n" + R +
+                   "\nP0 = {diagonal = [2, 1]}\nx0 = [1, -1]\nsteps = 3\n"
+                   "measurements = [[1, 2, 3], [1, 'missing', '1/3'], ['missing', 'missing', 'missing']]\n");
+}
+
+TEST(MissingMeasurements, TellNothing) {
+  const System system = with_gaps("R = [[1, 0.5, 0.25], [0.5, 1, 0.125], [0.25, 0.125, 1]]");
+  EXPECT_TRUE(measurements_missing(system));
+  const System complete = with_every_measurement(system);
+  EXPECT_FALSE(measurements_missing(complete));
+  EXPECT_EQ(complete.C.at(0), system.C.at(0));
+  EXPECT_EQ(complete.R.value.at(0), system.R.value.at(0));
+
+  // The same in exact numbers as the system whose second step has two outputs and whose third has none.
+  const auto all = exact_problem(complete);
+  const auto data = exact_data(complete);
+  reference::ExactFilter filter(all, data);
+  filter.advance();
+  filter.advance();
+  System two = system;
+  two.A = two.A.at(0);
+  two.C = Sequence((Matrix<double>(2, 2) << 1, 0, system.C.at(0)(2, 0), 0).finished());
+  two.C.exact = {{0, 1, 0, "1/3"}};
+  two.R.value = Sequence((Matrix<double>(2, 2) << 1, 0.25, 0.25, 1).finished());
+  two.steps = 1;
+  two.data = std::make_shared<Recorded>((Matrix<double>(2, 1) << 1, 1.0 / 3).finished(), Matrix<double>(0, 1),
+                                        std::vector<ExactEntry>{{0, 1, 0, "1/3"}});
+  auto second = exact_problem(two);
+  second.initial = filter.step().P_predicted;
+  second.x0 = filter.step().x_predicted;
+  reference::ExactFilter alone(second, exact_data(two));
+  alone.advance();
+  EXPECT_EQ(filter.step().P_filtered, alone.step().P_filtered);
+  EXPECT_EQ(filter.step().x_filtered, alone.step().x_filtered);
+  EXPECT_EQ(filter.step().predictor_gain.col(0), alone.step().predictor_gain.col(0));
+  EXPECT_EQ(filter.step().predictor_gain.col(1), (Matrix<reference::Rational>::Zero(2, 1)));
+  filter.advance();
+  EXPECT_EQ(filter.step().P_filtered, filter.step().P_predicted);
+  EXPECT_EQ(filter.step().x_filtered, filter.step().x_predicted);
+}
+
+TEST(MissingMeasurements, ARootStaysOneWhereItCan) {
+  // Entry 1 is missing in the second step: row 2 may not hang on it.
+  const System kept = with_every_measurement(with_gaps("R_root = [[1, 0, 0], [2, 1, 0], [4, 0, 1]]"));
+  EXPECT_EQ(kept.R.written, Covariance::Written::root);
+  EXPECT_EQ(kept.R.value.at(0), (Matrix<double>(3, 3) << 1, 0, 0, 2, 1, 0, 4, 0, 1).finished());
+  EXPECT_EQ(kept.R.value.at(1), (Matrix<double>(3, 3) << 1, 0, 0, 0, 1, 0, 4, 0, 1).finished());
+  EXPECT_EQ(kept.R.value.at(2), (Matrix<double>::Identity(3, 3)));
+  const System lost = with_every_measurement(with_gaps("R_root = [[1, 0, 0], [2, 1, 0], [4, 8, 1]]"));
+  EXPECT_EQ(lost.R.written, Covariance::Written::covariance);
+  EXPECT_EQ(lost.R.value.at(0), (Matrix<double>(3, 3) << 1, 2, 4, 2, 5, 16, 4, 16, 81).finished());
+  EXPECT_EQ(lost.R.value.at(1), (Matrix<double>(3, 3) << 1, 0, 4, 0, 1, 0, 4, 0, 81).finished());
+  EXPECT_EQ(lost.R.value.at(2), (Matrix<double>::Identity(3, 3)));
+}
+
+TEST(MissingMeasurements, AreAskedForWithinTheStepsOnly) {
+  System system = with_gaps("R = {identity = 3}");
+  system.steps = 1;
+  EXPECT_FALSE(measurements_missing(system));
+  system.data = nullptr;
+  EXPECT_FALSE(measurements_missing(system));
+}
+
+TEST(MissingMeasurements, AreNotForAFilterThatRemembersItsModel) {
+  Metadata filter;
+  filter.id = "csrf";
+  EXPECT_FALSE(refusal(filter, with_gaps("R = {identity = 3}")));
+  filter.needs.time_invariant = true;
+  EXPECT_EQ(refusal(filter, with_gaps("R = {identity = 3}"))->reason,
+            "csrf needs a time-invariant system: measurements are missing, and C is another where they are");
 }
 
 }  // namespace

@@ -357,7 +357,6 @@ TEST(SystemFile, Csv) {
   bad("y1,y2\n1,1\n2,2\n3,3\n", {"data.csv:1: found a column \"y2\"", "1 columns y1"});
   bad("y,y1\n1,1\n2,2\n3,3\n", {"data.csv:1: found the column y1 twice"});
   bad("y1\n1\ntwo\n3\n", {"data.csv:3: y1: found \"two\"", "a number"});
-  bad("y1\n1\n\n3\n", {"data.csv:3: y1: found an empty cell"});
   bad("y1\n1\n2 3\n3\n", {"data.csv:3: y1: found \"2 3\""});
   bad("y1\n1\nnan\n3\n", {"data.csv:3: y1: found \"nan\"", "finite"});
   bad("y1\n1\n1e999\n3\n", {"data.csv:3: y1: found \"1e999\"", "finite"});
@@ -366,6 +365,48 @@ TEST(SystemFile, Csv) {
   folder.write("data.csv", "");
   fs::resize_file(folder / "data.csv", std::uintmax_t{1} << 40);
   expect_refused([&] { read_system(folder / "cart.toml"); }, {"cart.toml:10:", "data.csv", "1099511627776 bytes"});
+}
+
+// Both formats and a CSV file say the same; what is written reads back, bit by bit.
+TEST(SystemFile, MissingMeasurements) {
+  std::string two = with(with(valid_toml(), "C", "C = [[1, 0], [0, 1]]"), "R", "R = {identity = 2}");
+  const System system = read_toml(with(two, "measurements",
+                                       "measurements = [[0.5, 'missing'], ['missing', 'missing'], ['1/3', 2]]"));
+  Matrix<double> y(2, 3);
+  const auto stream = system.data->open();
+  for (Index k = 0; k < 3; ++k) y.col(k) = stream->next().y;
+  EXPECT_EQ(y(0, 0), 0.5);
+  EXPECT_TRUE(std::isnan(y(1, 0)) && std::isnan(y(0, 1)) && std::isnan(y(1, 1)));
+  EXPECT_EQ(y(1, 2), 2);
+  expect_same(read_toml(write_system(system)), system);
+  EXPECT_NE(write_system(system).find("[0.5, \"missing\"]"), std::string::npos);
+  EXPECT_NE(write_system(system).find("[\"1/3\", 2]"), std::string::npos);
+
+  std::string json = valid_json;
+  json.replace(json.find("[1], [1.5]"), 10, "\"missing\", [\"missing\"]");
+  expect_same(read_system_text(json, Format::json, "cart.json"),
+              read_toml(with(valid_toml(), "measurements", "measurements = [0.5, 'missing', 'missing']")));
+
+  const Folder folder;
+  folder.write("data.csv", "y2,y1\n,0.5\n missing ,\"\"\n2,0.25\n");
+  const System from_csv = read_system(
+      folder.write("cart.toml", with(two, "measurements", "measurements = { csv = 'data.csv' }")));
+  expect_same(from_csv, read_toml(with(two, "measurements",
+                                       "measurements = [[0.5, 'missing'], ['missing', 'missing'], [0.25, 2]]")));
+}
+
+TEST(SystemFile, NothingElseIsMissing) {
+  expect_line_refused("measurements", "measurements = [[1], ['mising'], [3]]", {"measurements[1,0]", "mising"});
+  expect_line_refused("A", "A = [[1, 'missing'], [0, 1]]", {"A[0,1]", "\"missing\" is no parameter"});
+  expect_line_refused("x0", "x0 = [1, 'missing']", {"x0[1]"});
+  expect_refused(with(valid_toml(), "measurements",
+                      "measurements = [1, 2, 3]\nD = [[1], [0]]\ninputs = [1, 'missing', 3]"),
+                 {"cart.toml:12:", "inputs[1]", "missing"});
+  const Folder folder;
+  folder.write("data.csv", "u,y\n1,1\n,2\n3,3\n");
+  const fs::path file = folder.write("cart.toml", with(valid_toml(), "measurements",
+      "measurements = { csv = 'data.csv' }\nD = [[1], [0]]\ninputs = { csv = 'data.csv' }"));
+  expect_refused([&] { read_system(file); }, {"data.csv:3: u: found an empty cell", "a number"});
 }
 
 TEST(SystemFile, TheExampleOfTheDocumentationIsRead) {
