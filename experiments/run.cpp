@@ -182,8 +182,7 @@ std::vector<std::unique_ptr<Trajectory>> trajectories(std::map<Parametrisation, 
 
 }  // namespace
 
-SystemRun run(const properties::System& asked, const std::vector<const Metadata*>& filters,
-              const RunOptions& options) {
+SystemRun run(const properties::System& asked, const std::vector<const Metadata*>& filters, const RunOptions& options) {
   const properties::System system = properties::with_every_measurement(asked);
   SystemRun result;
   result.name = system.name;

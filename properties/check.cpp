@@ -134,6 +134,8 @@ Options within(const Traits& traits, Options options) {
   if (needs.invertible_A || needs.positive_definite_Q || needs.positive_definite_P0) options.singular = false;
   if (needs.time_invariant) options.time_varying = false;
   if (traits.measurement_every_step) options.missing = false;
+  // What is formed of P^{-1} has to be solved with: it breaks down where others have half of their digits left.
+  if (traits.holds == Held::information) options.worst_condition = std::min(options.worst_condition, 1e6);
   return options;
 }
 

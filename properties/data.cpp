@@ -160,9 +160,9 @@ System with_every_measurement(const System& system) {
   // What was written exactly and is overwritten now counts as the double that it is: exact_value sees to that.
   complete.R.value = std::move(R);
   const auto* recorded = dynamic_cast<const Recorded*>(system.data.get());
-  complete.data = std::make_shared<Recorded>(std::move(y), std::move(u),
-                                             recorded ? recorded->exact_y() : std::vector<ExactEntry>(),
-                                             recorded ? recorded->exact_u() : std::vector<ExactEntry>());
+  complete.data =
+      std::make_shared<Recorded>(std::move(y), std::move(u), recorded ? recorded->exact_y() : std::vector<ExactEntry>(),
+                                 recorded ? recorded->exact_u() : std::vector<ExactEntry>());
   return complete;
 }
 

@@ -163,7 +163,8 @@ Matrix<double> transition(Draw& draw, const Unseen& unseen, double worst, const 
     for (std::size_t j = 0; j < unseen.size(); ++j)
       if (!unseen[i] && unseen[j]) A(static_cast<Index>(i), static_cast<Index>(j)) = 0;
   const bool unstable = draw.one_in(4) && options.largest_radius > 1;
-  const double least = unstable ? 1 : 0.3, most = unstable ? options.largest_radius : std::min(1.0, options.largest_radius);
+  const double least = unstable ? 1 : 0.3,
+               most = unstable ? options.largest_radius : std::min(1.0, options.largest_radius);
   const double radius = reference::spectral_radius(A);
   // Nearly nilpotent matrices stay as they are.
   if (radius > 1e-3) A *= draw.real(least, most) / radius;
@@ -619,7 +620,8 @@ bool singular(const Covariance& Q) {
   const Matrix<double> X = multiplied_out(Q).rounded();
   const Vector<double> deviations = X.diagonal().cwiseSqrt();
   if (X.rows() > 0 && deviations.minCoeff() == 0) return true;
-  const auto inverse = Precise(deviations.cwiseInverse().asDiagonal() * X * deviations.cwiseInverse().asDiagonal()).inverse();
+  const auto inverse =
+      Precise(deviations.cwiseInverse().asDiagonal() * X * deviations.cwiseInverse().asDiagonal()).inverse();
   return !inverse || inverse->norm() > 1e15;
 }
 
@@ -717,7 +719,8 @@ std::vector<std::string> irrelevant(const System& drawn, const System& smallest)
   // What there were and are.
   const auto fewer = [&](std::int64_t were, std::int64_t are, const char* one, const char* many) {
     if (are >= were || are == 0) return;
-    words.push_back(are == 1 ? std::string("one ") + one + " is enough" : std::to_string(are) + " of " + std::to_string(were) + " " + many + " are enough");
+    words.push_back(are == 1 ? std::string("one ") + one + " is enough"
+                             : std::to_string(are) + " of " + std::to_string(were) + " " + many + " are enough");
   };
   const Dimensions was = drawn.dimensions(), is = smallest.dimensions();
   fewer(drawn.steps, smallest.steps, "step", "steps");
@@ -727,10 +730,13 @@ std::vector<std::string> irrelevant(const System& drawn, const System& smallest)
   say(was.m > 0 && is.m == 0, "B and Q do not matter");
   say(was.p > 0 && is.p == 0, "C and R do not matter");
   say(varies(drawn) && !varies(smallest), "nothing need change over time");
-  const auto zero = [](const Sequence& X) { return std::ranges::all_of(X.matrices, [](const auto& Y) { return Y.isZero(0); }); };
+  const auto zero = [](const Sequence& X) {
+    return std::ranges::all_of(X.matrices, [](const auto& Y) { return Y.isZero(0); });
+  };
   say(!zero(drawn.A) && zero(smallest.A), "A does not matter");
   say(!zero(drawn.P0.value) && zero(smallest.P0.value), "P0 does not matter");
-  for (const auto& [name, member] : {std::pair{"Q", &System::Q}, std::pair{"R", &System::R}, std::pair{"P0", &System::P0}})
+  for (const auto& [name, member] :
+       {std::pair{"Q", &System::Q}, std::pair{"R", &System::R}, std::pair{"P0", &System::P0}})
     say(!diagonal(drawn.*member) && (smallest.*member).value.rows() > 1 && diagonal(smallest.*member),
         std::string("correlations in ") + name + " do not matter");
   if (!drawn.data) return words;

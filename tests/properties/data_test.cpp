@@ -116,9 +116,10 @@ TEST(Recorded, BringsColumnAfterColumn) {
 
 /// n = 2, m = 1, p = 3, three steps: the first has all, the second the entries 0 and 2, the third none.
 System with_gaps(const std::string& R) {
-  return read_toml("name = 'gaps'\nA = [[1, 0.5], [0, 0.75]]\nB = [[0], [1]]\nC = [[1, 0], [1, 1], ['1/3', 0]]\nQ = 0.5\n" + R +
-                   "\nP0 = {diagonal = [2, 1]}\nx0 = [1, -1]\nsteps = 3\n"
-                   "measurements = [[1, 2, 3], [1, 'missing', '1/3'], ['missing', 'missing', 'missing']]\n");
+  return read_toml(
+      "name = 'gaps'\nA = [[1, 0.5], [0, 0.75]]\nB = [[0], [1]]\nC = [[1, 0], [1, 1], ['1/3', 0]]\nQ = 0.5\n" + R +
+      "\nP0 = {diagonal = [2, 1]}\nx0 = [1, -1]\nsteps = 3\n"
+      "measurements = [[1, 2, 3], [1, 'missing', '1/3'], ['missing', 'missing', 'missing']]\n");
 }
 
 TEST(MissingMeasurements, TellNothing) {

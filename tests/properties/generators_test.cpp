@@ -297,13 +297,14 @@ TEST(Shrinking, MissingIsNotSimple) {
 }
 
 TEST(Irrelevant, IsWhatShrankAway) {
-  System drawn = read_toml("name = 'drawn'\nsteps = 3\nA = [[0.5, 1], [0, 0.5]]\nB = [[1], [2]]\nC = [[1, 0], [1, 1]]\nD = [[1], [1]]\n"
-                           "Q = 2\nR = [[2, 1], [1, 2]]\nP0 = {diagonal = [1, 2]}\nx0 = [1, 2]\n"
-                           "measurements = [[1, 2], ['missing', 1], [2, 2]]\ninputs = [1, 2, 3]\n");
+  System drawn = read_toml(
+      "name = 'drawn'\nsteps = 3\nA = [[0.5, 1], [0, 0.5]]\nB = [[1], [2]]\nC = [[1, 0], [1, 1]]\nD = [[1], [1]]\n"
+      "Q = 2\nR = [[2, 1], [1, 2]]\nP0 = {diagonal = [1, 2]}\nx0 = [1, 2]\n"
+      "measurements = [[1, 2], ['missing', 1], [2, 2]]\ninputs = [1, 2, 3]\n");
   System smallest = read_toml("name = 'drawn'\nsteps = 1\nA = 1\nB = [[]]\nC = 1\nQ = []\nR = 2\nP0 = 1\n");
   using Words = std::vector<std::string>;
-  EXPECT_EQ(irrelevant(drawn, smallest),
-            (Words{"one step is enough", "one state is enough", "one output is enough", "B and Q do not matter", "no data needed"}));
+  EXPECT_EQ(irrelevant(drawn, smallest), (Words{"one step is enough", "one state is enough", "one output is enough",
+                                                "B and Q do not matter", "no data needed"}));
   EXPECT_EQ(irrelevant(drawn, drawn), Words());
   EXPECT_EQ(irrelevant(smallest, smallest), Words());
   smallest = drawn;
@@ -313,9 +314,10 @@ TEST(Irrelevant, IsWhatShrankAway) {
   smallest.x0.setZero();
   smallest.D = Sequence(Matrix<double>(2, 0));
   smallest.data = std::make_shared<Recorded>(Matrix<double>::Zero(2, 2), Matrix<double>(0, 2));
-  EXPECT_EQ(irrelevant(drawn, smallest),
-            (Words{"2 of 3 steps are enough", "A does not matter", "correlations in R do not matter",
-                   "no known input needed", "x0 does not matter", "nothing need be missing", "the values of y do not matter"}));
+  EXPECT_EQ(
+      irrelevant(drawn, smallest),
+      (Words{"2 of 3 steps are enough", "A does not matter", "correlations in R do not matter", "no known input needed",
+             "x0 does not matter", "nothing need be missing", "the values of y do not matter"}));
 }
 
 }  // namespace

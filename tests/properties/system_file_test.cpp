@@ -370,8 +370,8 @@ TEST(SystemFile, Csv) {
 // Both formats and a CSV file say the same; what is written reads back, bit by bit.
 TEST(SystemFile, MissingMeasurements) {
   std::string two = with(with(valid_toml(), "C", "C = [[1, 0], [0, 1]]"), "R", "R = {identity = 2}");
-  const System system = read_toml(with(two, "measurements",
-                                       "measurements = [[0.5, 'missing'], ['missing', 'missing'], ['1/3', 2]]"));
+  const System system =
+      read_toml(with(two, "measurements", "measurements = [[0.5, 'missing'], ['missing', 'missing'], ['1/3', 2]]"));
   Matrix<double> y(2, 3);
   const auto stream = system.data->open();
   for (Index k = 0; k < 3; ++k) y.col(k) = stream->next().y;
@@ -389,8 +389,8 @@ TEST(SystemFile, MissingMeasurements) {
 
   const Folder folder;
   folder.write("data.csv", "y2,y1\n,0.5\n missing ,\"\"\n2,0.25\n");
-  const System from_csv = read_system(
-      folder.write("cart.toml", with(two, "measurements", "measurements = { csv = 'data.csv' }")));
+  const System from_csv =
+      read_system(folder.write("cart.toml", with(two, "measurements", "measurements = { csv = 'data.csv' }")));
   expect_same(from_csv, read_toml(with(two, "measurements",
                                        "measurements = [[0.5, 'missing'], ['missing', 'missing'], [0.25, 2]]")));
 }
@@ -399,13 +399,14 @@ TEST(SystemFile, NothingElseIsMissing) {
   expect_line_refused("measurements", "measurements = [[1], ['mising'], [3]]", {"measurements[1,0]", "mising"});
   expect_line_refused("A", "A = [[1, 'missing'], [0, 1]]", {"A[0,1]", "\"missing\" is no parameter"});
   expect_line_refused("x0", "x0 = [1, 'missing']", {"x0[1]"});
-  expect_refused(with(valid_toml(), "measurements",
-                      "measurements = [1, 2, 3]\nD = [[1], [0]]\ninputs = [1, 'missing', 3]"),
-                 {"cart.toml:12:", "inputs[1]", "missing"});
+  expect_refused(
+      with(valid_toml(), "measurements", "measurements = [1, 2, 3]\nD = [[1], [0]]\ninputs = [1, 'missing', 3]"),
+      {"cart.toml:12:", "inputs[1]", "missing"});
   const Folder folder;
   folder.write("data.csv", "u,y\n1,1\n,2\n3,3\n");
-  const fs::path file = folder.write("cart.toml", with(valid_toml(), "measurements",
-      "measurements = { csv = 'data.csv' }\nD = [[1], [0]]\ninputs = { csv = 'data.csv' }"));
+  const fs::path file = folder.write(
+      "cart.toml", with(valid_toml(), "measurements",
+                        "measurements = { csv = 'data.csv' }\nD = [[1], [0]]\ninputs = { csv = 'data.csv' }"));
   expect_refused([&] { read_system(file); }, {"data.csv:3: u: found an empty cell", "a number"});
 }
 
