@@ -10,6 +10,7 @@
 #include <kfstab/experiments/cost.hpp>
 #include <kfstab/filters/registry.hpp>
 #include <kfstab/filters/step_report.hpp>
+#include <kfstab/properties/law.hpp>
 #include <kfstab/properties/data.hpp>
 #include <kfstab/reports/number.hpp>
 #include <kfstab/reports/plot.hpp>
@@ -385,6 +386,18 @@ std::string list_json(const std::string& what) {
                                 {"statement", claim.statement},
                                 {"source", claim.source},
                                 {"parameters", std::move(parameters)}});
+    }
+  }
+  if (what.empty() || what == "laws") {
+    root["laws"] = json::array();
+    for (const properties::Law& law : properties::all_laws()) {
+      root["laws"].push_back({{"id", law.id},
+                              {"statement", law.statement},
+                              {"assumptions", law.assumptions},
+                              {"source", law.source},
+                              {"tolerance", law.tolerance},
+                              {"failure", law.failure},
+                              {"reference", law.reference}});
     }
   }
   return root.dump(1) + "\n";

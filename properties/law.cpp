@@ -177,8 +177,13 @@ Precise ObservedStep::joseph(const Precise& K) const {
   return whole ? sum + B * Q * B.transposed() : after(sum);
 }
 
+double underflow(const Traits& subject) {
+  const bool single = subject.roundoff > unit_roundoff<double>();
+  return (single ? std::numeric_limits<float>::min() : std::numeric_limits<double>::min()) / subject.roundoff;
+}
+
 std::optional<double> ObservedStep::ratio(double error, double kappa, double scale) const {
-  if (scale < std::numeric_limits<double>::min() / unit_roundoff<double>()) return std::nullopt;
+  if (scale < underflow(subject)) return std::nullopt;
   return error == 0 ? 0 : error / scale / (rounding() * kappa);
 }
 
@@ -402,7 +407,7 @@ std::vector<double> asymmetric_errors(Bench& bench, const System& system) {
   return errors;
 }
 
-std::optional<Simulation> long_run(const System& system) {
+std::optional<Simulation> long_run(const Traits& subject, const System& system) {
   const Dimensions size = system.dimensions();
   if (!system.time_invariant() || size.n == 0 || size.p == 0 || std::max({size.n, size.m, size.p}) > 2)
     return std::nullopt;
@@ -420,6 +425,8 @@ std::optional<Simulation> long_run(const System& system) {
   seen.C = Sequence(C);
   seen.R.value = Sequence(R);
   const auto stream = Simulated(seen, 1986).open();
+  // A filter that starts from k|k predicts before its first measurement.
+  if (!subject.starts_predicted) stream->next();
   Matrix<double> y(size.p, steps), x(size.n, steps);
   for (std::int64_t k = 0; k < steps; ++k) {
     const StepData& step = stream->next();
@@ -431,7 +438,7 @@ std::optional<Simulation> long_run(const System& system) {
 }
 
 std::optional<std::vector<Vector<double>>> long_run_innovations(Bench& bench, const System& system) {
-  const auto simulation = long_run(system);
+  const auto simulation = long_run(bench.traits(), system);
   if (!simulation || refusal(bench.traits(), simulation->system)) return std::nullopt;
   std::vector<Vector<double>> innovations;
   for (const ObservedStep& s : observed_steps(bench, simulation->system)) {

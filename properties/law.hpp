@@ -46,6 +46,9 @@ std::vector<Law> all_laws();
 /// A matrix's entry in which `found` is furthest from `expected`: "P[1,0] = 2.5, expected -2.5 (off by 5)".
 std::string largest_difference(std::string_view name, const Precise& found, const Precise& expected);
 
+/// Below it the subject's arithmetic underflows, or nearly so: no rounding error is relative there.
+double underflow(const Traits& subject);
+
 /// How far below 0 the smallest eigenvalue of X's symmetric part lies. X is rounded to double: that costs u |X|, at most a
 /// unit or two of a ratio.
 double below_zero(const Precise& X);
@@ -169,7 +172,7 @@ struct Simulation {
 
 /// For laws of the long run: 60 steps, of the systems for which they are cheap: time-invariant, n, m, p <= 2, p > 0.
 /// Nothing for others.
-std::optional<Simulation> long_run(const System& system);
+std::optional<Simulation> long_run(const Traits& subject, const System& system);
 
 /// The standardised innovations Re^{-1/2} (y - C x_{k|k-1}) of the subject's long run, by its own P and x. Nothing where there
 /// is no such run, where it ends early, or where rounding might be seen in them.

@@ -5,6 +5,7 @@
 #include <kfstab/experiments/commands/commands.hpp>
 #include <kfstab/experiments/results.hpp>
 #include <kfstab/filters/registry.hpp>
+#include <kfstab/properties/law.hpp>
 #include <kfstab/reports/markdown.hpp>
 #include <kfstab/reports/number.hpp>
 #include <kfstab/reports/terminal.hpp>
@@ -65,6 +66,15 @@ reports::Table claims_table() {
   return table;
 }
 
+reports::Table laws_table() {
+  reports::Table table{"Laws", {"id", "what holds", "where", "asks the reference", "if it does not hold"}, {}, {}};
+  for (const properties::Law& law : properties::all_laws()) {
+    table.rows.push_back({std::string(law.id), std::string(law.statement), std::string(law.assumptions),
+                          law.reference ? "yes" : "", std::string(law.failure)});
+  }
+  return table;
+}
+
 }  // namespace
 
 int list_command(const std::string& what, const std::string& format) {
@@ -83,6 +93,7 @@ int list_command(const std::string& what, const std::string& format) {
   show("systems", systems_table);
   show("filters", filters_table);
   show("claims", claims_table);
+  show("laws", laws_table);
   return Exit::ok;
 }
 

@@ -239,9 +239,9 @@ int command_line(int argc, char** argv) {
   demo_app->callback([&] { exit_code = demo_command(demo_out); });
 
   std::string what;
-  auto* list_app = add_command("list", "List the systems, filters and claims that come with kfstab");
-  list_app->add_option("WHAT", what, "systems, filters or claims; else all")
-      ->check(CLI::IsMember({"systems", "filters", "claims"}));
+  auto* list_app = add_command("list", "List the systems, filters, claims and laws that come with kfstab");
+  list_app->add_option("WHAT", what, "systems, filters, claims or laws; else all")
+      ->check(CLI::IsMember({"systems", "filters", "claims", "laws"}));
   list_app->add_option("--format", format, "text, markdown for a README, or json for a program")
       ->envname("KFSTAB_FORMAT")->check(CLI::IsMember({"text", "markdown", "json"}))->capture_default_str();
   list_app->callback([&] { exit_code = list_command(what, format); });

@@ -66,7 +66,9 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
   bool judged = false;
   const auto see = [&](const char* name, const Precise& found, const Precise& expected, double bound, double excused) {
     // Beyond a half of what is compared the bound, of first order, says nothing.
-    if (std::isnan(bound) || !(largest_ratio * bound + excused <= expected.norm() / 2)) return;
+    if (std::isnan(bound) || expected.norm() < underflow(subject) ||
+        !(largest_ratio * bound + excused <= expected.norm() / 2))
+      return;
     judged = true;
     const double error = (found - expected).norm(), ratio = error <= excused ? 0 : (error - excused) / bound;
     if (ratio <= finding.ratio) return;

@@ -5,7 +5,7 @@ namespace kfstab::properties::laws {
 namespace {
 
 std::optional<Finding> look(const ObservedStep& s) {
-  if (s.size.n == 0 || !s.update || !s.first_order()) return std::nullopt;
+  if (s.size.n == 0 || !s.update || !s.first_order() || s.amplification() < underflow(s.subject)) return std::nullopt;
   const auto R_inverse = s.R.inverse();
   if (!R_inverse) return std::nullopt;
   const Precise gained = s.C.transposed() * *R_inverse * s.C * s.prior;

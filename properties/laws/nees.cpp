@@ -10,7 +10,7 @@ namespace {
 
 std::optional<Finding> examine(Bench& bench, const System& system) {
   if (!long_run_innovations(bench, system)) return std::nullopt;
-  const auto simulation = long_run(system);
+  const auto simulation = long_run(bench.traits(), system);
   double sum = 0;
   int count = 0;
   for (const ObservedStep& s : observed_steps(bench, simulation->system)) {

@@ -9,11 +9,11 @@ std::optional<Finding> look(const ObservedStep& s) {
   // (iii) and others turn an asymmetry of P into an error of the symmetric part: not this law's matter.
   const double P = s.before.norm();
   if ((s.before - s.before.transposed()).norm() > s.rounding() * P) return std::nullopt;
+  if (!s.update) return std::nullopt;
   double inherited = 0;
-  if (s.subject.holds == Held::covariance && s.gain) {
+  if (s.subject.holds == Held::covariance) {
     // P+ = F P F' + K R K' + B Q B': what was negative in P before the step is not this step's error.
-    const Precise KC = *s.gain * s.C;
-    const Precise F = s.predictor_gain() ? s.A - KC : s.A - s.A * KC;
+    const Precise F = s.A - s.A * s.update->Kf * s.C;
     inherited = F.norm() * F.norm() * below_zero(s.before);
   }
   return s.semidefinite("P+ - B Q B'", s.P - s.B * s.Q * s.B.transposed(), s.amplification(), inherited);

@@ -12,7 +12,7 @@ namespace kfstab::properties::laws {
 namespace {
 
 std::optional<Finding> examine(Bench& bench, const System& system) {
-  const auto simulation = long_run(system);
+  const auto simulation = long_run(bench.traits(), system);
   if (!simulation || refusal(bench.traits(), simulation->system)) return std::nullopt;
   const std::vector<ObservedStep>& steps = observed_steps(bench, simulation->system);
   if (static_cast<std::int64_t>(steps.size()) < simulation->system.steps) return std::nullopt;

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include <fmt/format.h>
 
@@ -11,6 +10,7 @@ namespace kfstab::properties::laws {
 namespace {
 
 struct Worst {
+  double least;  // below it numbers underflow
   std::optional<Finding> finding;
 
   void see(std::int64_t k, const char* name, const Precise& found, const Matrix<double>& truth, double bound,
@@ -18,9 +18,7 @@ struct Worst {
     if (std::isnan(bound) || found.rows() != truth.rows() || found.cols() != truth.cols() || truth.size() == 0) return;
     // Beyond a half of what is compared the bound, of first order, says nothing.
     const double size = truth.norm();
-    if (!(largest_ratio * bound + allowed <= size / 2) ||
-        size < std::numeric_limits<double>::min() / unit_roundoff<double>())
-      return;
+    if (!(largest_ratio * bound + allowed <= size / 2) || size < least) return;
     // The truth is rounded to double, entry by entry.
     allowed += unit_roundoff<double>() * size;
     const double error = (found - Precise(truth)).norm(), ratio = error <= allowed ? 0 : (error - allowed) / bound;
@@ -35,7 +33,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
   const Run& run = bench.run(system);
   const Course& course = bench.course(system);
   const std::vector<double> allowed = asymmetric_errors(bench, system);
-  Worst worst;
+  Worst worst{underflow(bench.traits()), {}};
   for (std::size_t i = 0; i < allowed.size(); ++i) {
     const Answer& answer = run.answers[i];
     const auto k = static_cast<std::int64_t>(i);

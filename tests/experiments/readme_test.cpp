@@ -25,9 +25,9 @@ std::string output_of(const std::string& arguments) {
   return text;
 }
 
-/// What stands in the README between the markers of that name.
-std::string readme_table(const std::string& name) {
-  std::ifstream file(KFSTAB_SOURCE_DIR "/README.md");
+/// What stands in the README, or in another page, between the markers of that name.
+std::string readme_table(const std::string& name, const std::string& page_name = "README.md") {
+  std::ifstream file(std::string(KFSTAB_SOURCE_DIR "/") + page_name);
   std::stringstream text;
   text << file.rdbuf();
   const std::string page = text.str(), mark = "<!-- " + name;
@@ -39,6 +39,10 @@ std::string readme_table(const std::string& name) {
 
 TEST(Readme, HasTheTableOfFiltersAsTheToolPrintsIt) {
   EXPECT_EQ(readme_table("filters"), output_of("list filters --format markdown"));
+}
+
+TEST(Laws, HaveTheirTableAsTheToolPrintsIt) {
+  EXPECT_EQ(readme_table("laws", "docs/laws.md"), output_of("list laws --format markdown"));
 }
 
 TEST(Readme, HasTheTableOfClaimsAsTheToolMeasuresIt) {
