@@ -276,84 +276,90 @@ Values values(const Answer& answer) {
   return all;
 }
 
-std::vector<Tolerance> tolerances(Bench& bench, const System& system) {
-  const Course& course = bench.course(system);
+std::vector<Tolerance> tolerances(Bench& bench, const System& system, const System& whole) {
+  const Course& course = bench.course(whole);
   const Run& run = bench.run(system);
   const Traits& traits = bench.traits();
   const Dimensions size = system.dimensions();
   const double u = traits.roundoff * static_cast<double>(size.n + size.m + size.p);
   const bool predicted = traits.instant == Instant::predicted, predictor = traits.gain != GainKind::filter;
+  const bool inverts = traits.holds == Held::information || traits.holds == Held::information_factor;
+  // A filter that starts predicted and answers P_{k|k} comes by the dynamics of the step before, in its first step by none.
+  const bool late = !predicted && traits.starts_predicted;
   const System complete = with_every_measurement(system);
-  const auto stream = complete.data ? complete.data->open() : nullptr;
-  const auto numbers = problem(complete, Parametrisation::covariance);
-  const auto* any = std::get_if<AnyProblem<double>>(&numbers);
-  if (!any) return {};
-  const auto& exact = std::get<Problem<CovarianceModel<double>>>(*any);
+  const auto converted = problem(complete, Parametrisation::covariance);
+  if (!std::holds_alternative<AnyProblem<double>>(converted)) return {};
+  const auto& numbers = std::get<Problem<CovarianceModel<double>>>(std::get<AnyProblem<double>>(converted));
+  const Columns data = complete.data ? columns(complete) : Columns();
 
   std::vector<Tolerance> all;
-  Matrix<double> W = u * exact.initial.norm() * Matrix<double>::Identity(size.n, size.n);
-  double W_norm = W.norm(), x = u * system.x0.norm(), remembered = 0;
+  Matrix<double> W = u * numbers.initial.norm() * Matrix<double>::Identity(size.n, size.n);
+  double x_error = u * system.x0.norm(), remembered = 0;
   bool over = false;
   const auto steps = std::min(course.steps(), static_cast<std::int64_t>(run.answers.size()));
   for (std::int64_t k = 0; k < steps; ++k) {
     const reference::Truth& truth = course.truth(k);
-    const CovarianceModel<double>& now = exact.model(k);
-    // A filter that starts predicted and answers P_{k|k} came by the dynamics of the step before.
-    const bool late = !predicted && traits.starts_predicted;
-    const CovarianceModel<double>& dynamics = late && k > 0 ? exact.model(k - 1) : now;
-    const double A = late && k == 0 ? 1 : dynamics.A.norm(), B = late && k == 0 ? 0 : dynamics.B.norm();
-    const double C = now.C.norm(), R = now.R.norm(), Q = dynamics.Q.norm(), Kf = truth.filter_gain.norm();
+    const Answer& answer = run.answers[static_cast<std::size_t>(k)];
+    const Answer* before = k > 0 ? &run.answers[static_cast<std::size_t>(k - 1)] : nullptr;
+    const CovarianceModel<double>& now = numbers.model(k);
+    const CovarianceModel<double>& dynamics = late && k > 0 ? numbers.model(k - 1) : now;
+    const bool predicts = !(late && k == 0);
+    const double A = predicts ? dynamics.A.norm() : 1, B = predicts ? dynamics.B.norm() : 0, C = now.C.norm();
+    const double R = now.R.norm(), Q = dynamics.Q.norm(), Kf = truth.filter_gain.norm();
     const double P = course.P(k).norm(), K = course.K(k).norm(), Pf = truth.P_filtered.norm();
     const Matrix<double> I_KC = Matrix<double>::Identity(size.n, size.n) - product(truth.filter_gain, now.C);
     const Matrix<double>& F = predicted ? truth.closed_loop : truth.filtered_closed_loop;
     const double re = truth.innovation.norm(), re_inverse = re > 0 ? truth.innovation_condition / re : 0;
 
-    // What a change of the numbers of this step's model does to P.
     const double of_measurement = Kf * (Kf * R + 2 * C * Pf);
-    // P_{k-1|k-1} |A|^2 is not known here: P_{k|k-1} less noise is A P A', so |A|^2 |P| of the answer before bounds it.
-    const double before = k > 0 ? course.P(k - 1).norm() : exact.initial.norm();
-    const double of_dynamics = 2 * A * A * (predicted ? Pf : before) + 2 * B * B * Q;
+    const double P_before = k > 0 ? course.P(k - 1).norm() : numbers.initial.norm();
+    const double of_dynamics = 2 * A * A * (predicted ? Pf : P_before) + 2 * B * B * Q;
     const double local =
         predicted ? of_dynamics + A * A * of_measurement : I_KC.squaredNorm() * of_dynamics + of_measurement;
-    const double prior_W = predicted ? W_norm : A * A * W_norm + u * of_dynamics;
+    const double prior_error = predicted ? W.norm() : A * A * W.norm() + u * of_dynamics;
     W = congruence(F, W) + u * local * Matrix<double>::Identity(size.n, size.n);
-    W_norm = W.norm();
-    Tolerance now_at{};
-    now_at.P = (std::isnan(course.P_bound(k)) ? 0 : course.P_bound(k)) + W_norm + u * P;
+    const double P_bound = std::isnan(course.P_bound(k)) ? 0 : course.P_bound(k);
+    Tolerance tolerance{P_bound + W.norm() + u * P, 0, 0};
 
     // K = (A) P C' Re^{-1}.
-    const double through = (predictor ? truth.closed_loop.norm() : I_KC.norm());
-    const double a = predictor ? now.A.norm() : 1;
-    now_at.K = course.K_bound(k) + through * prior_W * C * re_inverse +
-               u * (2 * K + a * Kf + a * Pf * C * re_inverse + K * (C * Kf + R * re_inverse));
+    const double a = predictor ? now.A.norm() : 1, through = predictor ? truth.closed_loop.norm() : I_KC.norm();
+    tolerance.K = course.K_bound(k) + through * prior_error * C * re_inverse +
+                  u * (2 * K + a * Kf + a * Pf * C * re_inverse + K * (C * Kf + R * re_inverse));
     if (traits.holds == Held::gain) {
-      // G is rotated with A L, whose size is that of P0 at first: its errors stay when K and A L decay.
+      // K Re^{1/2} is rotated with A L, whose size is that of P0 at first: its errors stay when both decay.
       remembered += u * truth.innovation_condition * a *
                     std::sqrt(re_inverse * std::max(truth.P_predicted.norm(), truth.P_next.norm()));
-      now_at.K += remembered;
+      tolerance.K += remembered;
     }
-    if (stream) {
-      const StepData& data = stream->next();
-      const double e = (data.y - product(now.C, truth.x_predicted)).norm();
-      const double Du = data.u.size() > 0 ? dynamics.D.norm() * data.u.norm() : 0;
+    const bool has_state = complete.data && answer.state && (!before || before->state);
+    if (has_state) {
+      const Vector<double>& x = before ? *before->state : system.x0;
+      const Index column = late && k > 0 ? k - 1 : k;
+      const Vector<double> Du =
+          data.u.rows() > 0 && predicts ? product(dynamics.D, data.u.col(column)) : Vector<double>::Zero(size.n);
+      const Vector<double> prior = predicted || !predicts ? x : Vector<double>(product(dynamics.A, x) + Du);
+      const double e = (data.y.col(k) - product(now.C, prior)).norm();
       const double own = predicted ? truth.predictor_gain.norm() : Kf;
-      const double gain_error = K > 0 ? now_at.K / K * own : now_at.K;
-      const double moved =
-          predicted ? A * truth.x_filtered.norm() : A * (k > 0 ? course.x(k - 1).norm() : system.x0.norm());
-      x = F.norm() * x + gain_error * e +
-          u * (2 * moved + 2 * Du + 2 * own * (data.y.norm() + C * truth.x_predicted.norm()));
-      now_at.x = course.x_bound(k) + x + u * course.x(k).norm();
+      const double gain_error = K > 0 ? tolerance.K / K * own : tolerance.K;
+      const double moved = A * (predicted ? x.norm() + Kf * e : x.norm()) + Du.norm();
+      // x is solved for with what P^{-1} is made of.
+      const double inversion = inverts && P > 0 ? std::max(1.0, P_bound / (u * P)) : 1;
+      x_error = F.norm() * x_error + gain_error * e +
+                2 * u * inversion * (moved + own * (data.y.col(k).norm() + C * prior.norm()));
+      tolerance.x = x_error + u * answer.state->norm();
     }
-    const auto& answer = run.answers[static_cast<std::size_t>(k)];
-    if (answer.holds == Held::covariance && norm_of_asymmetry(answer.held) > now_at.P) over = true;
-    const double thirty = largest_ratio * now_at.P;
-    if (thirty > P / 8 && P > 0) over = true;
-    if (thirty * C * C * re_inverse > 1.0 / 8) over = true;
-    if (!(now_at.P < infinity && now_at.K < infinity)) over = true;
-    all.push_back(over ? Tolerance{infinity, infinity, infinity} : now_at);
+    const double thirty = largest_ratio * tolerance.P;
+    if (answer.holds == Held::covariance && norm_of_asymmetry(answer.held) > tolerance.P) over = true;
+    if ((thirty > P / 8 && P > 0) || thirty * C * C * re_inverse > 1.0 / 8) over = true;
+    if (!(tolerance.P < infinity && tolerance.K < infinity && tolerance.x < infinity)) over = true;
+    all.push_back(over ? Tolerance{infinity, infinity, infinity} : tolerance);
   }
   return all;
 }
+
+std::vector<Tolerance> tolerances(Bench& bench, const System& system) { return tolerances(bench, system, system); }
+
+System counted(const System& system) { return system.data && columns(system).y.hasNaN() ? measured(system) : system; }
 
 bool bits_count(const Traits& traits) { return traits.asymmetry.has_value(); }
 
@@ -416,7 +422,8 @@ void add_all_bits(Comparison& comparison, std::int64_t k, const Answer& found, c
 
 }  // namespace
 
-std::optional<Finding> compare_units(Bench& bench, const System& system, const Units& units, bool bits) {
+std::optional<Finding> compare_units(Bench& bench, const System& system, const System& whole, const Units& units,
+                                     bool bits) {
   const Run& base = bench.run(system);
   const System other = in_units(system, units);
   const Run& run = bench.run(other);
@@ -435,7 +442,7 @@ std::optional<Finding> compare_units(Bench& bench, const System& system, const U
                                          base.ending.reason.empty() ? "an answer" : base.ending.reason)});
     return comparison.worst();
   }
-  const auto before = tolerances(bench, system), now = tolerances(bench, other);
+  const auto before = tolerances(bench, system, whole), now = tolerances(bench, other);
   int largest_state = 0, largest_inverse = 0;
   for (const int d : units.state) largest_state = std::max(largest_state, d);
   for (const int e : units.measurement) largest_inverse = std::max(largest_inverse, -e);
@@ -449,12 +456,13 @@ std::optional<Finding> compare_units(Bench& bench, const System& system, const U
   return comparison.worst();
 }
 
-std::optional<Finding> compare_bases(Bench& bench, const System& system, const Bases& bases, std::string_view because) {
+std::optional<Finding> compare_bases(Bench& bench, const System& system, const System& whole, const Bases& bases,
+                                     std::string_view because) {
   const auto other = in_bases(system, bases);
   if (!other) return std::nullopt;
   const Run& base = bench.run(system);
   const Run& run = bench.run(*other);
-  const auto tolerance = tolerances(bench, system);
+  const auto tolerance = tolerances(bench, system, whole);
   const std::size_t steps = std::min({run.answers.size(), base.answers.size(), tolerance.size()});
   Comparison comparison;
   for (std::size_t k = 0; k < steps; ++k) {
@@ -471,15 +479,15 @@ std::optional<Finding> compare_bases(Bench& bench, const System& system, const B
   return comparison.worst();
 }
 
-std::optional<Finding> compare_again(Bench& bench, const System& system, const Run& found, const Run& expected,
-                                     std::string_view because) {
+std::optional<Finding> compare_again(Bench& bench, const System& system, const System& whole, const Run& found,
+                                     const Run& expected, std::string_view because) {
   const std::size_t steps = std::min(found.answers.size(), expected.answers.size());
   Comparison comparison;
   if (bits_count(bench.traits())) {
     for (std::size_t k = 0; k < steps; ++k)
       add_all_bits(comparison, static_cast<std::int64_t>(k), found.answers[k], expected.answers[k], because);
   } else {
-    const auto tolerance = tolerances(bench, system);
+    const auto tolerance = tolerances(bench, system, whole);
     for (std::size_t k = 0; k < std::min(steps, tolerance.size()); ++k)
       comparison.add(static_cast<std::int64_t>(k), values(found.answers[k]), values(expected.answers[k]), tolerance[k],
                      because);
@@ -489,6 +497,24 @@ std::optional<Finding> compare_again(Bench& bench, const System& system, const R
                            fmt::format("step {}: {} in one run, {} in the other", steps,
                                        found.ending.reason.empty() ? "an answer" : found.ending.reason,
                                        expected.ending.reason.empty() ? "an answer" : expected.ending.reason)});
+  return comparison.worst();
+}
+
+std::optional<Finding> compare_moved(Bench& bench, const System& system, const System& whole, const System& other,
+                                     const std::vector<Vector<double>>& moved, std::string_view because) {
+  const Run& expected = bench.run(system);
+  const Run& found = bench.run(other);
+  const auto before = tolerances(bench, system, whole), now = tolerances(bench, other, whole);
+  const double u = bench.traits().roundoff;
+  Comparison comparison;
+  for (std::size_t k = 0; k < std::min({found.answers.size(), expected.answers.size(), before.size(), now.size()});
+       ++k) {
+    Values there = values(expected.answers[k]);
+    if (there.x.size() > 0) there.x += moved[k];
+    comparison.add(static_cast<std::int64_t>(k), values(found.answers[k]), there,
+                   {before[k].P + now[k].P, before[k].K + now[k].K, before[k].x + now[k].x + u * moved[k].norm()},
+                   because);
+  }
   return comparison.worst();
 }
 

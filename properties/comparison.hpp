@@ -77,8 +77,12 @@ Values values(const Answer& answer);
 struct Tolerance {
   double P, K, x;
 };
-/// Of the steps that the run answered and the reference knows.
+/// Of the steps that the run answered and the reference knows. whole: a system that the system is the first steps of, but perhaps for its
+/// data; its course is the one that is asked, so that few are computed.
+std::vector<Tolerance> tolerances(Bench& bench, const System& system, const System& whole);
 std::vector<Tolerance> tolerances(Bench& bench, const System& system);
+/// The `whole` of measured(system): the system itself, unless measurements are missing.
+System counted(const System& system);
 
 /// Whether equal bits may be asked of the subject: of those of the registry, whose code is known. What others compute with may sum in
 /// an order that depends on where in memory a matrix lies.
@@ -107,13 +111,19 @@ class Comparison {
 
 /// The subject's run in other units against its run of the system: bit by bit if `bits` and bits count, else within the
 /// tolerances of both. Endings have to be the same where bits are.
-std::optional<Finding> compare_units(Bench& bench, const System& system, const Units& units, bool bits);
+std::optional<Finding> compare_units(Bench& bench, const System& system, const System& whole, const Units& units,
+                                     bool bits);
 
 /// The subject's run in other bases against its run of the system, within twice the tolerance.
-std::optional<Finding> compare_bases(Bench& bench, const System& system, const Bases& bases, std::string_view because);
+std::optional<Finding> compare_bases(Bench& bench, const System& system, const System& whole, const Bases& bases,
+                                     std::string_view because);
 
 /// Bits of two runs of the same system; of a foreign filter within the tolerances.
-std::optional<Finding> compare_again(Bench& bench, const System& system, const Run& found, const Run& expected,
-                                     std::string_view because);
+std::optional<Finding> compare_again(Bench& bench, const System& system, const System& whole, const Run& found,
+                                     const Run& expected, std::string_view because);
+
+/// Two runs that differ in their data alone: P and K the same, x of the other more by `moved`, within the tolerances of both.
+std::optional<Finding> compare_moved(Bench& bench, const System& system, const System& whole, const System& other,
+                                     const std::vector<Vector<double>>& moved, std::string_view because);
 
 }  // namespace kfstab::properties

@@ -14,7 +14,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
   Run found = bench.run(other), expected = bench.run(base);
   for (Run* run : {&found, &expected})
     for (Answer& answer : run->answers) answer.state.reset();
-  return compare_again(bench, base, found, expected, "with other data");
+  return compare_again(bench, base, system, found, expected, "with other data");
 }
 
 }  // namespace

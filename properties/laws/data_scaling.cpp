@@ -5,7 +5,7 @@ namespace kfstab::properties::laws {
 namespace {
 
 std::optional<Finding> examine(Bench& bench, const System& system) {
-  return compare_units(bench, with_data(system), {.data = 10}, true);
+  return compare_units(bench, with_data(system), system, {.data = 10}, true);
 }
 
 }  // namespace

@@ -6,7 +6,7 @@ namespace {
 
 std::optional<Finding> examine(Bench& bench, const System& system) {
   const bool single = bench.traits().roundoff > unit_roundoff<double>();
-  return compare_units(bench, with_data(system), {.covariance = single ? -6 : -20}, true);
+  return compare_units(bench, with_data(system), system, {.covariance = single ? -6 : -20}, true);
 }
 
 }  // namespace

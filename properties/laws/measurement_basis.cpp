@@ -6,7 +6,7 @@ namespace {
 
 std::optional<Finding> examine(Bench& bench, const System& system) {
   if (system.C.rows() < 2) return std::nullopt;
-  return compare_bases(bench, measured(system), {.M = reflection(system.C.rows())},
+  return compare_bases(bench, measured(system), counted(system), {.M = reflection(system.C.rows())},
                        "turned back into the basis of before");
 }
 

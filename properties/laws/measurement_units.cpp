@@ -11,7 +11,8 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
   const Traits& traits = bench.traits();
   const bool bits =
       traits.asymmetry == Asymmetry::none && traits.holds != Held::covariance_root && !traits.needs.time_invariant;
-  return compare_units(bench, bits ? with_data(system) : first_steps(with_data(system), 3), {.measurement = e}, bits);
+  return compare_units(bench, bits ? with_data(system) : first_steps(with_data(system), 3), system, {.measurement = e},
+                       bits);
 }
 
 }  // namespace

@@ -6,7 +6,7 @@ namespace {
 
 std::optional<Finding> examine(Bench& bench, const System& system) {
   if (system.B.cols() < 2) return std::nullopt;
-  return compare_bases(bench, with_data(system), {.V = reflection(system.B.cols())}, "in the basis of before");
+  return compare_bases(bench, with_data(system), system, {.V = reflection(system.B.cols())}, "in the basis of before");
 }
 
 }  // namespace

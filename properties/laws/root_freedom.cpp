@@ -28,7 +28,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
   set(other.P0, [&](std::int64_t) { return flipped(roots.initial, 1); });
   const Run& expected = bench.run(base);
   const Run& found = bench.run(other);
-  const auto tolerance = tolerances(bench, base);
+  const auto tolerance = tolerances(bench, base, system);
   Comparison comparison;
   for (std::size_t k = 0; k < std::min({found.answers.size(), expected.answers.size(), tolerance.size()}); ++k) {
     const Tolerance& b = tolerance[k];

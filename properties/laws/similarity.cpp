@@ -6,7 +6,7 @@ namespace {
 
 std::optional<Finding> examine(Bench& bench, const System& system) {
   if (system.A.rows() < 2) return std::nullopt;
-  return compare_bases(bench, with_data(system), {.T = reflection(system.A.rows())},
+  return compare_bases(bench, with_data(system), system, {.T = reflection(system.A.rows())},
                        "turned back into the basis of before");
 }
 

@@ -9,7 +9,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
   for (std::size_t i = 0; i < d.size(); ++i) d[i] = static_cast<int>((5 * i + 3) % 13) - 6;
   const Traits& traits = bench.traits();
   const bool bits = traits.holds != Held::covariance_root && !traits.needs.time_invariant;
-  return compare_units(bench, bits ? with_data(system) : first_steps(with_data(system), 3), {.state = d}, bits);
+  return compare_units(bench, bits ? with_data(system) : first_steps(with_data(system), 3), system, {.state = d}, bits);
 }
 
 }  // namespace
