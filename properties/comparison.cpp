@@ -83,20 +83,9 @@ std::optional<std::vector<Matrix<double>>> roots(const Covariance& Q) {
 
 double norm_of_asymmetry(const Matrix<double>& P) { return (P - P.transpose()).norm(); }
 
-std::string difference(std::int64_t step, std::string_view name, const Matrix<double>& found,
-                       const Matrix<double>& expected, std::string_view because) {
-  Index row = 0, col = 0;
-  double largest = -1;
-  for (Index j = 0; j < found.cols(); ++j)
-    for (Index i = 0; i < found.rows(); ++i) {
-      const double d = std::abs(found(i, j) - expected(i, j));
-      if (d <= largest) continue;
-      largest = std::isnan(d) ? infinity : d;
-      row = i;
-      col = j;
-    }
-  const std::string at = found.cols() == 1 && name == "x" ? fmt::format("{}", row) : fmt::format("{},{}", row, col);
-  return fmt::format("step {}: {}[{}] = {}, {} {}", step, name, at, found(row, col), because, expected(row, col));
+std::string difference(std::string_view name, const Matrix<double>& found, const Matrix<double>& expected,
+                       std::string_view because) {
+  return fmt::format("{}: {}", largest_difference(name, found, expected), because);
 }
 
 }  // namespace
@@ -294,7 +283,7 @@ std::vector<Tolerance> tolerances(Bench& bench, const System& system, const Syst
 
   std::vector<Tolerance> all;
   Matrix<double> W = u * numbers.initial.norm() * Matrix<double>::Identity(size.n, size.n);
-  double x_error = u * system.x0.norm(), remembered = 0;
+  double x_error = u * system.x0.norm();
   bool over = false;
   const auto steps = std::min(course.steps(), static_cast<std::int64_t>(run.answers.size()));
   for (std::int64_t k = 0; k < steps; ++k) {
@@ -325,12 +314,6 @@ std::vector<Tolerance> tolerances(Bench& bench, const System& system, const Syst
     const double a = predictor ? now.A.norm() : 1, through = predictor ? truth.closed_loop.norm() : I_KC.norm();
     tolerance.K = course.K_bound(k) + through * prior_error * C * re_inverse +
                   u * (2 * K + a * Kf + a * Pf * C * re_inverse + K * (C * Kf + R * re_inverse));
-    if (traits.holds == Held::gain) {
-      // K Re^{1/2} is rotated with A L, whose size is that of P0 at first: its errors stay when both decay.
-      remembered += u * truth.innovation_condition * a *
-                    std::sqrt(re_inverse * std::max(truth.P_predicted.norm(), truth.P_next.norm()));
-      tolerance.K += remembered;
-    }
     const bool has_state = complete.data && answer.state && (!before || before->state);
     if (has_state) {
       const Vector<double>& x = before ? *before->state : system.x0;
@@ -376,7 +359,7 @@ void Comparison::add(std::int64_t step, std::string_view name, const Matrix<doub
   // Where underflow decides, nothing can be said.
   if (error == 0 || tolerance < std::numeric_limits<double>::min()) return add(Finding{0, step, {}});
   const double ratio = error / tolerance;
-  add(Finding{ratio, step, ratio > largest_ratio ? difference(step, name, found, expected, because) : std::string()});
+  add(Finding{ratio, step, ratio > largest_ratio ? difference(name, found, expected, because) : std::string()});
 }
 
 void Comparison::add(std::int64_t step, const Values& found, const Values& expected, const Tolerance& tolerance,
@@ -390,7 +373,7 @@ void Comparison::add_bits(std::int64_t step, std::string_view name, const Matrix
                           const Matrix<double>& expected, std::string_view because) {
   if (found.rows() != expected.rows() || found.cols() != expected.cols()) return;
   if (found == expected) return add(Finding{0, step, {}});
-  add(Finding{infinity, step, difference(step, name, found, expected, because)});
+  add(Finding{infinity, step, difference(name, found, expected, because)});
 }
 
 void Comparison::add_order(std::int64_t step, std::string_view name, const Matrix<double>& found,
@@ -403,21 +386,31 @@ void Comparison::add_order(std::int64_t step, std::string_view name, const Matri
   if (smallest >= 0 || tolerance < std::numeric_limits<double>::min()) return add(Finding{0, step, {}});
   const double ratio = -smallest / tolerance;
   add(Finding{ratio, step,
-              ratio > largest_ratio
-                  ? fmt::format("step {}: {} has the eigenvalue {}, {}", step, name, smallest, because)
-                  : std::string()});
+              ratio > largest_ratio ? fmt::format("{} has the eigenvalue {:.6g}: {}", name, smallest, because)
+                                    : std::string()});
 }
 
 // --- runs that are compared -----------------------------------------------------------------------------------------------
 
 namespace {
 
-void add_all_bits(Comparison& comparison, std::int64_t k, const Answer& found, const Answer& expected,
+/// Whether some number is so small that its square underflows: then scaling rounds.
+bool too_small(const Matrix<double>& X) { return (X.array() != 0 && X.array().abs() < std::ldexp(1.0, -500)).any(); }
+
+bool too_small(const Answer& answer) {
+  return too_small(answer.held) || (answer.gain && too_small(*answer.gain)) ||
+         (answer.state && too_small(*answer.state));
+}
+
+/// Nothing is compared any more once numbers are too small: false.
+bool add_all_bits(Comparison& comparison, std::int64_t k, const Answer& found, const Answer& expected,
                   std::string_view because) {
+  if (too_small(found) || too_small(expected)) return false;
   const char* held = holds_root(found.holds) ? "S" : found.holds == Held::covariance ? "P" : "Y or T";
   if (found.holds == expected.holds) comparison.add_bits(k, held, found.held, expected.held, because);
   if (found.gain && expected.gain) comparison.add_bits(k, "K", *found.gain, *expected.gain, because);
   if (found.state && expected.state) comparison.add_bits(k, "x", *found.state, *expected.state, because);
+  return true;
 }
 
 }  // namespace
@@ -428,18 +421,20 @@ std::optional<Finding> compare_units(Bench& bench, const System& system, const S
   const System other = in_units(system, units);
   const Run& run = bench.run(other);
   Comparison comparison;
-  constexpr std::string_view because = "in the units of before";
+  constexpr std::string_view because = "in other units, brought back";
   const std::size_t steps = std::min(run.answers.size(), base.answers.size());
   if (bits && bits_count(bench.traits())) {
     for (std::size_t k = 0; k < steps; ++k)
-      add_all_bits(comparison, static_cast<std::int64_t>(k), run.answers[k], in_units(base.answers[k], units), because);
+      if (!add_all_bits(comparison, static_cast<std::int64_t>(k), run.answers[k], in_units(base.answers[k], units),
+                        because))
+        return comparison.worst();
     // What is estimated of a condition number, and so where a filter gives up, depends on the units of its entries.
     const bool of_entries = !units.state.empty() || !units.measurement.empty();
     if (!of_entries && run.answers.size() != base.answers.size())
-      comparison.add(Finding{infinity, static_cast<std::int64_t>(steps),
-                             fmt::format("step {}: {}, in the units of before {}", steps,
-                                         run.ending.reason.empty() ? "an answer" : run.ending.reason,
-                                         base.ending.reason.empty() ? "an answer" : base.ending.reason)});
+      comparison.add(Finding{
+          infinity, static_cast<std::int64_t>(steps),
+          fmt::format("{}, in the units of before {}", run.ending.reason.empty() ? "an answer" : run.ending.reason,
+                      base.ending.reason.empty() ? "an answer" : base.ending.reason)});
     return comparison.worst();
   }
   const auto before = tolerances(bench, system, whole), now = tolerances(bench, other);
@@ -485,7 +480,8 @@ std::optional<Finding> compare_again(Bench& bench, const System& system, const S
   Comparison comparison;
   if (bits_count(bench.traits())) {
     for (std::size_t k = 0; k < steps; ++k)
-      add_all_bits(comparison, static_cast<std::int64_t>(k), found.answers[k], expected.answers[k], because);
+      if (!add_all_bits(comparison, static_cast<std::int64_t>(k), found.answers[k], expected.answers[k], because))
+        return comparison.worst();
   } else {
     const auto tolerance = tolerances(bench, system, whole);
     for (std::size_t k = 0; k < std::min(steps, tolerance.size()); ++k)
@@ -493,10 +489,10 @@ std::optional<Finding> compare_again(Bench& bench, const System& system, const S
                      because);
   }
   if (found.answers.size() != expected.answers.size())
-    comparison.add(Finding{infinity, static_cast<std::int64_t>(steps),
-                           fmt::format("step {}: {} in one run, {} in the other", steps,
-                                       found.ending.reason.empty() ? "an answer" : found.ending.reason,
-                                       expected.ending.reason.empty() ? "an answer" : expected.ending.reason)});
+    comparison.add(Finding{
+        infinity, static_cast<std::int64_t>(steps),
+        fmt::format("{} in one run, {} in the other", found.ending.reason.empty() ? "an answer" : found.ending.reason,
+                    expected.ending.reason.empty() ? "an answer" : expected.ending.reason)});
   return comparison.worst();
 }
 

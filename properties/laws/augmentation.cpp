@@ -39,7 +39,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
     if (part.x.size() > 0) part.x.conservativeResize(n);
     comparison.add(static_cast<std::int64_t>(k), part, values(expected.answers[k]),
                    {before[k].P + now[k].P, before[k].K + now[k].K, before[k].x + now[k].x},
-                   "with one more state, without it");
+                   "with one more state that only follows");
   }
   return comparison.worst();
 }

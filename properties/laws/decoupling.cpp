@@ -67,7 +67,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
     if (whole.x.size() > 0) whole.x.conservativeResize(size.n);
     comparison.add(static_cast<std::int64_t>(k), whole, part,
                    {before[k].P + now[k].P, before[k].K + now[k].K, before[k].x + now[k].x},
-                   "beside a system of its own, without that");
+                   "beside a system that has nothing to do with it");
   }
   return comparison.worst();
 }

@@ -37,7 +37,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
     if (once.K.size() > 0) once.K = twice(once.K.transpose() / 2).transpose().eval();
     comparison.add(static_cast<std::int64_t>(k), values(found.answers[k]), once,
                    {before[k].P + now[k].P, before[k].K + now[k].K, before[k].x + now[k].x},
-                   "from every measurement twice, from one");
+                   "from every measurement twice");
   }
   return comparison.worst();
 }

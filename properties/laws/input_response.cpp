@@ -22,7 +22,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
   }
   data.u.setZero();
   set_columns(other, std::move(data));
-  return compare_moved(bench, base, counted(system), other, moved, "with the response to u taken off y");
+  return compare_moved(bench, base, counted(system), other, moved, "without u, its response taken off y");
 }
 
 }  // namespace

@@ -10,7 +10,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
   bench.rerun(base);
   const Run expected = bench.rerun(base);
   bench.rerun(another);
-  return compare_again(bench, base, system, bench.rerun(base), expected, "without another problem before");
+  return compare_again(bench, base, system, bench.rerun(base), expected, "after another problem");
 }
 
 }  // namespace

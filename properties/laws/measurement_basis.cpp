@@ -7,7 +7,7 @@ namespace {
 std::optional<Finding> examine(Bench& bench, const System& system) {
   if (system.C.rows() < 2) return std::nullopt;
   return compare_bases(bench, measured(system), counted(system), {.M = reflection(system.C.rows())},
-                       "turned back into the basis of before");
+                       "turned back into the first basis");
 }
 
 }  // namespace

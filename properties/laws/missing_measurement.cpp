@@ -51,7 +51,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
     Values found = values(run.answers[k]);
     found.K.resize(0, 0);
     comparison.add(static_cast<std::int64_t>(k), found, {P.rounded(), {}, Vector<double>(x.rounded())}, tolerance,
-                   "with nothing measured, by time updates alone");
+                   "with nothing measured");
   }
   return comparison.worst();
 }

@@ -6,7 +6,8 @@ namespace {
 
 std::optional<Finding> examine(Bench& bench, const System& system) {
   if (system.B.cols() < 2) return std::nullopt;
-  return compare_bases(bench, with_data(system), system, {.V = reflection(system.B.cols())}, "in the basis of before");
+  return compare_bases(bench, with_data(system), system, {.V = reflection(system.B.cols())},
+                       "in another basis of the noise");
 }
 
 }  // namespace

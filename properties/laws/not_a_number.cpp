@@ -21,7 +21,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
   for (const auto& [name, X] : {std::pair<const char*, Matrix<double>>("P", values_then.P), {"K", values_then.K}})
     if (X.size() > 0 && X.allFinite())
       return Finding{std::numeric_limits<double>::infinity(), 0,
-                     fmt::format("step 0: C[0,0] is NaN, and {}[0,0] = {}", name, X(0, 0))};
+                     fmt::format("C[0,0] is NaN, and {}[0,0] = {:.6g}", name, X(0, 0))};
   return Finding{0, 0, {}};
 }
 

@@ -8,7 +8,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
   const Dimensions size = system.dimensions();
   if (size.n < 2 && size.m < 2 && size.p < 2) return std::nullopt;
   return compare_bases(bench, measured(system), counted(system),
-                       {.T = cycle(size.n), .M = cycle(size.p), .V = cycle(size.m)}, "in the order of before");
+                       {.T = cycle(size.n), .M = cycle(size.p), .V = cycle(size.m)}, "in another order");
 }
 
 }  // namespace

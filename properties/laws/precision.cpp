@@ -21,7 +21,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
     // Once it is gone for another reason, there is nothing to be told.
     if ((P - truth).norm() > std::ldexp(size, -18)) break;
     if (largest_ratio * tolerance[k].P <= std::ldexp(size, -34))
-      comparison.add(step, "P", P, truth, tolerance[k].P, "right would be");
+      comparison.add(step, "P", P, truth, tolerance[k].P, "too far off for the roundoff");
   }
   return comparison.worst();
 }

@@ -7,7 +7,7 @@ namespace {
 std::optional<Finding> examine(Bench& bench, const System& system) {
   const System base = first_steps(with_data(system), 3);
   const Run first = bench.rerun(base), second = bench.rerun(base);
-  return compare_again(bench, base, system, second, first, "in the run before");
+  return compare_again(bench, base, system, second, first, "in a second run");
 }
 
 }  // namespace

@@ -60,8 +60,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
     Values one = values(found.answers[last]);
     one.K.resize(0, 0);
     comparison.add(static_cast<std::int64_t>(k), one, values(expected.answers[k]),
-                   {before[k].P + now[last].P, 0, before[k].x + now[last].x},
-                   "measurement by measurement, all at once");
+                   {before[k].P + now[last].P, 0, before[k].x + now[last].x}, "measurement by measurement");
   }
   return comparison.worst();
 }

@@ -7,7 +7,7 @@ namespace {
 std::optional<Finding> examine(Bench& bench, const System& system) {
   if (system.A.rows() < 2) return std::nullopt;
   return compare_bases(bench, with_data(system), system, {.T = reflection(system.A.rows())},
-                       "turned back into the basis of before");
+                       "turned back into the first basis");
 }
 
 }  // namespace

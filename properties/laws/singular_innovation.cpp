@@ -33,7 +33,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
   const double u = traits.roundoff * static_cast<double>(size.n + size.m + 2);
   if ((answered - P).norm() > largest_ratio * u * P.norm()) return Finding{0, 0, {}};
   return Finding{std::numeric_limits<double>::infinity(), 0,
-                 fmt::format("step 0: Re = C P C' is singular, c P c' = {}; the answer is P as it was, P[0,0] = {}",
+                 fmt::format("Re = C P C' is singular, c P c' = {:.6g}, and the answer is P as it was: P[0,0] = {:.6g}",
                              seen, answered(0, 0))};
 }
 

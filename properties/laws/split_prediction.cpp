@@ -55,7 +55,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
     Values whole = values(expected.answers[k]);
     whole.K.resize(0, 0);
     comparison.add(static_cast<std::int64_t>(k), values(found.answers[half]), whole,
-                   {2 * tolerance[k].P, 0, 2 * tolerance[k].x}, "in two halves, in one step");
+                   {2 * tolerance[k].P, 0, 2 * tolerance[k].x}, "in two steps instead of one");
   }
   return comparison.worst();
 }

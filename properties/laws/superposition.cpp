@@ -28,7 +28,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
     const auto &x = run.answers[k].state, &x_second = run_second.answers[k].state, &x_both = run_both.answers[k].state;
     if (!x || !x_second || !x_both) break;
     comparison.add(static_cast<std::int64_t>(k), "x", *x_both, *x + *x_second, b[k].x + b_second[k].x + b_both[k].x,
-                   "from the sum of data, the sum");
+                   "from the sum of two sets of data");
   }
   return comparison.worst();
 }

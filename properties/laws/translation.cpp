@@ -22,7 +22,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
     moved.push_back(bench.traits().instant == Instant::predicted ? d : filtered);
   }
   set_columns(other, std::move(data));
-  return compare_moved(bench, base, counted(system), other, moved, "moved by d");
+  return compare_moved(bench, base, counted(system), other, moved, "all moved by d, which is taken off again");
 }
 
 }  // namespace
