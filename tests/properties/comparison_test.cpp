@@ -1,0 +1,390 @@
+#include <kfstab/properties/comparison.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <functional>
+#include <memory>
+#include <string>
+#include <utility>
+
+#include <kfstab/filters/registry.hpp>
+#include <kfstab/properties/check.hpp>
+
+#include "systems.hpp"
+
+namespace kfstab::properties::testing {
+namespace {
+
+// --- a filter by other people -----------------------------------------------------------------------------------------------
+
+/// What a step is given.
+struct Given {
+  Matrix<double> A, B, C, Q, R, D;
+  std::optional<Vector<double>> y, u;
+};
+
+/// What a filter holds.
+struct State {
+  Vector<double> x;
+  Matrix<double> P, K;
+  int runs = 0;   ///< how often it was started
+  int steps = 0;  ///< of this run
+};
+
+/// Mistakes: each may be empty.
+struct Spoilt {
+  std::function<void(State&, const Vector<double>& x, const Matrix<double>& P)> start;
+  std::function<void(Given&, State&)> before;
+  std::function<void(const Given&, State&)> after;
+  bool silent = false;  ///< skips the update where Re is singular
+};
+
+enum class Form { textbook, joseph };
+
+/// The filter as its users write it, in plain expressions, of which the laws know nothing.
+template <class Scalar>
+class Foreign final : public StepwiseFilter {
+ public:
+  using M = Matrix<Scalar>;
+
+  Foreign(Form form, bool predicts_first, Spoilt spoilt = {}) : form_(form), spoilt_(std::move(spoilt)) {
+    traits_.name = "foreign";
+    traits_.roundoff = unit_roundoff<Scalar>();
+    if (!predicts_first) return;
+    traits_.starts_predicted = false;
+    traits_.instant = Instant::filtered;
+    traits_.gain = GainKind::filter;
+  }
+
+  const Traits& traits() const override { return traits_; }
+
+  std::optional<Ending> start(const Dimensions&, const Vector<double>& x, const Matrix<double>& P) override {
+    if (spoilt_.start) {
+      spoilt_.start(now_, x, P);
+    } else {
+      now_.x = x;
+      now_.P = P;
+    }
+    ++now_.runs;
+    now_.steps = 0;
+    return std::nullopt;
+  }
+
+  std::variant<Answer, Ending> step(const StepInput& input) override {
+    Given given{input.A, input.B, input.C, input.Q, input.R, Matrix<double>(input.A.rows(), 0), {}, {}};
+    if (input.y) given.y = *input.y;
+    if (input.u) {
+      given.D = *input.D;
+      given.u = *input.u;
+    }
+    if (spoilt_.before) spoilt_.before(given, now_);
+    M P = now_.P.cast<Scalar>(), K(P.rows(), given.C.rows());
+    M x = now_.x.template cast<Scalar>();
+    K.setZero();
+    if (!traits_.starts_predicted) predict(given, x, P);
+    if (given.y && !update(given, x, P, K)) return Ending{Ending::Kind::refused, -1, "Re is singular"};
+    if (traits_.starts_predicted) {
+      predict(given, x, P);
+      K = given.A.cast<Scalar>() * K;
+    }
+    now_.x = x.template cast<double>();
+    now_.P = P.template cast<double>();
+    now_.K = K.template cast<double>();
+    if (spoilt_.after) spoilt_.after(given, now_);
+    ++now_.steps;
+    Answer answer;
+    answer.held = now_.P;
+    answer.gain = now_.K;
+    answer.state = now_.x;
+    return answer;
+  }
+
+ private:
+  void predict(const Given& given, M& x, M& P) {
+    const M A = given.A.cast<Scalar>(), B = given.B.cast<Scalar>();
+    x = (A * x).eval();
+    if (given.u) x += given.D.cast<Scalar>() * given.u->cast<Scalar>();
+    P = (A * P * A.transpose() + B * given.Q.cast<Scalar>() * B.transpose()).eval();
+  }
+
+  bool update(const Given& given, M& x, M& P, M& K) {
+    const M C = given.C.cast<Scalar>(), R = given.R.cast<Scalar>(), y = given.y->template cast<Scalar>();
+    M Re = R + C * P * C.transpose();
+    // Gauss without pivots, on [Re (C P)]: Re is definite.
+    M right = C * P.transpose();
+    const Index p = Re.rows();
+    for (Index k = 0; k < p; ++k) {
+      if (Re(k, k) == Scalar(0)) return spoilt_.silent;
+      for (Index i = 0; i < p; ++i) {
+        if (i == k) continue;
+        const Scalar factor = Re(i, k) / Re(k, k);
+        Re.row(i) -= factor * Re.row(k).eval();
+        right.row(i) -= factor * right.row(k).eval();
+      }
+    }
+    for (Index k = 0; k < p; ++k) right.row(k) /= Re(k, k);
+    K = right.transpose();
+    x += K * (y - C * x);
+    const M I_KC = M::Identity(P.rows(), P.rows()) - K * C;
+    P = form_ == Form::textbook ? M(I_KC * P) : M(I_KC * P * I_KC.transpose() + K * R * K.transpose());
+    return true;
+  }
+
+  Form form_;
+  Spoilt spoilt_;
+  Traits traits_;
+  State now_;
+};
+
+std::unique_ptr<Subject> foreign(Spoilt spoilt) {
+  return subject(std::make_unique<Foreign<double>>(Form::joseph, false, std::move(spoilt)));
+}
+
+// --- what laws say of it ------------------------------------------------------------------------------------------------------
+
+constexpr auto comparing = std::to_array<std::string_view>(
+    {"accurate-measurement", "augmentation",          "concavity",           "data-independence",   "data-scaling",
+     "decoupling",           "duplicate-measurement", "homogeneity",         "input-response",      "isolation",
+     "measurement-basis",    "measurement-units",     "missing-measurement", "monotonicity",        "noise-basis",
+     "noisy-measurement",    "not-a-number",          "permutation",         "precision",           "purity",
+     "root-freedom",         "sequential-updates",    "similarity",          "singular-innovation", "split-prediction",
+     "state-units",          "superposition",         "translation"});
+
+std::vector<Law> laws(const std::function<bool(std::string_view id)>& wanted) {
+  std::vector<Law> chosen;
+  for (const Law& law : all_laws())
+    if (wanted(law.id)) chosen.push_back(law);
+  return chosen;
+}
+
+/// The law on 150 systems, all with data, an input among them.
+LawOutcome outcome(Subject& subject, std::string_view id) {
+  CheckOptions options;
+  options.cases = 150;
+  options.shrinking = 0;
+  options.laws = laws([id](std::string_view other) { return other == id; });
+  return check(subject, options).laws.at(0);
+}
+
+void expect_broken(Subject& subject, std::string_view id) {
+  const LawOutcome seen = outcome(subject, id);
+  ASSERT_TRUE(seen.failure.has_value()) << id << ": ratio " << seen.max_ratio << " in " << seen.cases << " cases";
+  EXPECT_GT(seen.max_ratio, 1000) << id;
+  EXPECT_FALSE(seen.failure->finding.what.empty()) << id;
+}
+
+void expect_broken(Spoilt spoilt, std::string_view id) { expect_broken(*foreign(std::move(spoilt)), id); }
+
+struct Correct {
+  const char* name;
+  std::function<std::unique_ptr<StepwiseFilter>()> make;
+};
+
+class CorrectForeign : public ::testing::TestWithParam<Correct> {};
+
+// Nobody knows its code: it may sum in any order, and lets P lose its symmetry.
+TEST_P(CorrectForeign, ComparesWell) {
+  const auto filter = subject(GetParam().make());
+  CheckOptions options;
+  options.cases = 400;
+  options.laws = laws([](std::string_view id) { return std::ranges::find(comparing, id) != comparing.end(); });
+  EXPECT_GE(options.laws.size(), comparing.size());
+  for (const LawOutcome& seen : check(*filter, options).laws) {
+    EXPECT_TRUE(seen.holds()) << seen.law.id << ": ratio " << seen.max_ratio << ", " << seen.failure->finding.what
+                              << '\n'
+                              << write_system(seen.failure->system);
+    if (seen.law.id != "root-freedom" && seen.law.id != "input-response") EXPECT_GT(seen.cases, 20) << seen.law.id;
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Filters, CorrectForeign,
+    ::testing::Values(
+        Correct{"textbook", [] { return std::make_unique<Foreign<double>>(Form::textbook, false); }},
+        Correct{"textbook_predicts_first", [] { return std::make_unique<Foreign<double>>(Form::textbook, true); }},
+        Correct{"joseph_predicts_first", [] { return std::make_unique<Foreign<double>>(Form::joseph, true); }},
+        Correct{"joseph_single", [] { return std::make_unique<Foreign<float>>(Form::joseph, false); }},
+        Correct{"textbook_single", [] { return std::make_unique<Foreign<float>>(Form::textbook, true); }}),
+    [](const auto& parameter) { return std::string(parameter.param.name); });
+
+// --- each law has something that it sees ----------------------------------------------------------------------------------------
+
+Matrix<double> absolute(const Matrix<double>& X) { return X.cwiseAbs(); }
+
+TEST(Comparisons, AJitter) {
+  // Of rounding's size on ordinary systems.
+  expect_broken({.after = [](const Given&, State& now) { now.P.diagonal().array() += 1e-15; }}, "homogeneity");
+}
+
+TEST(Comparisons, AGate) {
+  const Spoilt gate{.before = [](Given& given, State& now) {
+    if (given.y && (*given.y - given.C * now.x).norm() > 100) given.y.reset();
+  }};
+  expect_broken(gate, "data-scaling");
+  expect_broken(gate, "data-independence");
+}
+
+TEST(Comparisons, AnInnovationThatIsClipped) {
+  const Spoilt clip{.before = [](Given& given, State& now) {
+    if (given.y) *given.y = given.C * now.x + (*given.y - given.C * now.x).cwiseMin(1).cwiseMax(-1);
+  }};
+  expect_broken(clip, "superposition");
+  expect_broken(clip, "data-scaling");
+}
+
+TEST(Comparisons, ALimitOnTheDiagonalOfP) {
+  expect_broken({.after = [](const Given&, State& now) { now.P.diagonal() = now.P.diagonal().cwiseMin(1e4); }},
+                "state-units");
+}
+
+TEST(Comparisons, ALimitOnR) {
+  const Spoilt limit{.before = [](Given& given, State&) { given.R.diagonal() = given.R.diagonal().cwiseMax(1e-4); }};
+  expect_broken(limit, "accurate-measurement");
+  expect_broken(limit, "measurement-units");
+  expect_broken({.before = [](Given& given, State&) { given.R = given.R.cwiseMin(1e6).cwiseMax(-1e6); }},
+                "noisy-measurement");
+}
+
+TEST(Comparisons, OnlyTheDiagonal) {
+  const auto diagonal = [](Matrix<double>& X) { X = Matrix<double>(X.diagonal().asDiagonal()); };
+  expect_broken({.before = [=](Given& given, State&) { diagonal(given.R); }}, "measurement-basis");
+  expect_broken({.before = [=](Given& given, State&) { diagonal(given.Q); }}, "noise-basis");
+  expect_broken({.after = [=](const Given&, State& now) { diagonal(now.P); }}, "similarity");
+}
+
+TEST(Comparisons, AStateWithAPlaceOfItsOwn) {
+  expect_broken({.after =
+                     [](const Given&, State& now) {
+                       if (now.x.size() > 1) now.x(0) += now.x(1) / 1024;
+                     }},
+                "permutation");
+}
+
+TEST(Comparisons, RootsWithoutSigns) {
+  /// srcf, given |S0|.
+  class Unsigned final : public AnyFilter<double> {
+   public:
+    const Metadata& metadata() const override { return filter_->metadata(); }
+    void start(const AnyProblem<double>& problem) override {
+      problem_ = problem;
+      auto& roots = std::get<Problem<RootModel<double>>>(problem_);
+      roots.initial.diagonal() = absolute(roots.initial.diagonal());
+      filter_->start(problem_);
+    }
+    Step<double> step(std::int64_t k, const Vector<double>* y, const Vector<double>* u) override {
+      return filter_->step(k, y, u);
+    }
+
+   private:
+    std::unique_ptr<AnyFilter<double>> filter_ = make_filter<double>("srcf");
+    AnyProblem<double> problem_;
+  };
+  expect_broken(*built_in(std::make_unique<Unsigned>()), "root-freedom");
+}
+
+TEST(Comparisons, BlocksThatLeak) {
+  expect_broken({.after =
+                     [](const Given&, State& now) {
+                       const double mean = now.P.trace() / 1e6;
+                       now.P.diagonal().array() += mean;
+                     }},
+                "decoupling");
+}
+
+TEST(Comparisons, AStateThatIsChangedByWhatFollowsIt) {
+  expect_broken({.before = [](Given& given, State&) { given.A.transposeInPlace(); }}, "augmentation");
+}
+
+TEST(Comparisons, RowsOfTheWrongMeasurement) {
+  // Where rows are missing, R is taken from the front of what it was when all were there.
+  Matrix<double> whole;
+  const auto front = [whole](Given& given, State& now) mutable {
+    if (now.steps == 0 || given.R.rows() > whole.rows()) whole = given.R;
+    given.R = whole.topLeftCorner(given.R.rows(), given.R.cols());
+  };
+  expect_broken({.before = front}, "sequential-updates");
+}
+
+TEST(Comparisons, AnInverseThatCutsOff) {
+  // Whatever lies beyond as many measurements as there are states is not looked at.
+  expect_broken({.before =
+                     [](Given& given, State&) {
+                       const Index kept = std::min(given.C.rows(), given.C.cols());
+                       if (kept == given.C.rows() || !given.y) return;
+                       given.R.bottomRightCorner(given.R.rows() - kept, given.R.rows() - kept).diagonal().array() *= 2;
+                     }},
+                "duplicate-measurement");
+}
+
+TEST(Comparisons, NothingIsDoneWithoutAMeasurement) {
+  const Spoilt idle{.before = [](Given& given, State&) {
+    if (given.y) return;
+    given.A.setIdentity();
+    given.B.setZero();
+  }};
+  expect_broken(idle, "split-prediction");
+  expect_broken(idle, "missing-measurement");
+}
+
+TEST(Comparisons, RSquared) {
+  const Spoilt squared{.before = [](Given& given, State&) { given.R = (given.R * given.R).eval(); }};
+  expect_broken(squared, "monotonicity");
+  expect_broken(squared, "concavity");
+}
+
+TEST(Comparisons, AnInnovationOfAnotherState) {
+  expect_broken({.before =
+                     [](Given& given, State& now) {
+                       if (given.y) *given.y += given.C * now.x / 1024;
+                     }},
+                "translation");
+}
+
+TEST(Comparisons, MemoryOfTheRunBefore) {
+  // Only the first start counts.
+  expect_broken({.start =
+                     [](State& now, const Vector<double>& x, const Matrix<double>& P) {
+                       const bool warm = now.x.size() == x.size() && now.runs > 0;
+                       now.x = warm ? Vector<double>(x + now.x / 1e6) : x;
+                       now.P = P;
+                     }},
+                "isolation");
+}
+
+TEST(Comparisons, SomethingThatCounts) {
+  expect_broken({.after = [](const Given&, State& now) { now.P *= 1 + 1e-9 * now.runs; }}, "purity");
+}
+
+TEST(Comparisons, AFailureThatIsSilent) { expect_broken({.silent = true}, "singular-innovation"); }
+
+TEST(Comparisons, ANaNThatIsPassedOver) {
+  expect_broken(
+      {.before = [](Given& given, State&) { given.C = given.C.unaryExpr([](double c) { return c == c ? c : 0.0; }); }},
+      "not-a-number");
+}
+
+TEST(Comparisons, SinglePrecisionInTheMiddle) {
+  expect_broken({.after = [](const Given&, State& now) { now.P = now.P.cast<float>().cast<double>(); }}, "precision");
+}
+
+TEST(Comparisons, AnInputThatIsLate) {
+  Spoilt late{.before = [last = std::optional<Vector<double>>()](Given& given, State& now) mutable {
+    if (!given.u) return;
+    if (now.steps == 0 || !last) last = Vector<double>::Zero(given.u->size());
+    std::swap(*given.u, *last);
+  }};
+  // The law on systems with an input, whatever is drawn.
+  System system = read_toml(valid_toml());
+  system.D = Sequence(Matrix<double>(Matrix<double>::Identity(2, 2)));
+  set_columns(system, {Matrix<double>::Ones(1, 3), Matrix<double>::Ones(2, 3)});
+  const auto law = laws([](std::string_view id) { return id == "input-response"; }).at(0);
+  Truths truths;
+  const auto wrong = foreign(std::move(late)), right = foreign({});
+  Bench spoilt(*wrong, truths), good(*right, truths);
+  EXPECT_GT(law.examine(spoilt, system)->ratio, 1000);
+  EXPECT_LE(law.examine(good, system)->ratio, largest_ratio);
+}
+
+}  // namespace
+}  // namespace kfstab::properties::testing
