@@ -62,10 +62,6 @@ class Foreign::Driven final : public AnyFilter<double> {
   Step<double> step(std::int64_t k, const Vector<double>* y, const Vector<double>* u) override {
     Step<double> result;
     const auto& now = problem_->model(k);
-    if (y && y->hasNaN()) {
-      result.report.status = Status::non_finite_input;
-      return result;
-    }
     // Without data every y is as good as any other.
     const Vector<double> no_data = Vector<double>::Zero(now.C.rows());
     const Vector<double>* measured = now.C.rows() == 0 ? nullptr : y ? y : &no_data;
