@@ -3,9 +3,12 @@
 include(CMakePackageConfigHelpers)
 
 set(destination ${CMAKE_INSTALL_LIBDIR}/cmake/kfstab)
-foreach(room filters slicot reports reference properties)
+foreach(room filters slicot reports reference properties check)
   if(TARGET kfstab_${room})
     get_target_property(header_sets kfstab_${room} INTERFACE_HEADER_SETS)
+    if(NOT header_sets)  # an interface alone
+      set(header_sets "")
+    endif()
     list(TRANSFORM header_sets REPLACE "(.+)" "FILE_SET;\\1;COMPONENT;${room}")
     install(TARGETS kfstab_${room} EXPORT kfstab_${room} COMPONENT ${room} ${header_sets})
     install(EXPORT kfstab_${room} NAMESPACE kfstab:: FILE kfstab_${room}.cmake DESTINATION ${destination}

@@ -68,7 +68,7 @@ void measure(Point& point, const properties::System& system, const CompareOption
   std::vector<std::vector<const Metadata*>> groups(1, options.filters);
   if (point.bits < bits_of_double) groups = by_parametrisation(options.filters);
   for (const auto& group : groups) {
-    const SystemRun result = run(system, group, {.bits = point.bits, .timed = false});
+    const SystemRun result = run(system, group, {.bits = point.bits, .timed = false, .foreign = options.foreign});
     if (result.interrupted) return;
     add(point, result, options.filters);
     if (result.reference_error) errors.push_back(*result.reference_error);
@@ -166,7 +166,8 @@ std::string what_fails(const Comparison& comparison, const Candidate& c) {
   const std::string where = at(comparison, *c.first_unsound);
   if (own.refused) return fmt::format("does not apply{}: {}", where, *own.refused);
   if (own.first_failure)
-    return fmt::format("breaks down{} in step {} ({})", where, *own.first_failure, name(own.failure));
+    return fmt::format("breaks down{} in step {} ({})", where, *own.first_failure,
+                       failure_name(own.failure, own.stopped));
   return fmt::format("has a P that is not positive semidefinite{} after step {}", where, *own.first_indefinite);
 }
 
@@ -191,7 +192,8 @@ std::string runner_up(const Comparison& comparison, const std::vector<Candidate>
     return cheaper + fmt::format("loses {:.1f} digits more{}.", next->loss, at(comparison, *next->loss_at));
   }
   for (const Candidate& c : all)
-    if (&c != &chosen && !c.refused && c.filter->holds != Held::gain && (!next || c.operations < next->operations))
+    if (&c != &chosen && !c.refused && c.filter->holds != Held::gain && !std::isnan(c.operations) &&
+        (!next || c.operations < next->operations))
       next = &c;
   if (!next) return "";
   const std::string dearer = fmt::format("The next, {}, takes {:.1f} times as much and ", next->filter->id,
@@ -200,6 +202,16 @@ std::string runner_up(const Comparison& comparison, const std::vector<Candidate>
   if (next->loss_at && next->loss > luck)
     return dearer + fmt::format("loses {:.1f} digits more{}.", next->loss, at(comparison, *next->loss_at));
   return dearer + "keeps no more that counts.";
+}
+
+/// "textbook-Python keeps at least 12.1 digits of P and K, at most 0.2 fewer than the best."
+std::string foreign_sentence(const Comparison& comparison, const Candidate& c, std::size_t points) {
+  const std::string id(c.filter->id);
+  if (c.first_unsound) return fmt::format("{} {}.", id, what_fails(comparison, c));
+  return fmt::format("{} keeps at least {:.1f} digits of P and K{}, {}.", id, c.least,
+                     points > 1 ? ", fewest" + at(comparison, *c.least_at) : "",
+                     c.loss > luck ? fmt::format("{:.1f} fewer than the best{}", c.loss, at(comparison, *c.loss_at))
+                                   : "as many as the best, as far as that counts");
 }
 
 std::string ladder(const Comparison& comparison) {
@@ -241,6 +253,7 @@ Fare fare(const FilterRun& run, int bits) {
   own.first_indefinite = run.first_indefinite;
   own.first_failure = run.first_failure;
   own.failure = run.failure;
+  own.stopped = run.stopped;
   return own;
 }
 
@@ -280,7 +293,9 @@ Recommendation recommend(const Comparison& comparison) {
   const std::string everywhere = (points.size() > 1 ? fmt::format(" at all {} points", points.size()) : "") +
                                  (scans_bits ? fmt::format(" of {} bits", points.front()->bits) : "");
   const auto all = candidates(comparison, points);
-  const auto eligible = [](const Candidate& c) { return !c.refused && c.filter->holds != Held::gain; };
+  // Nobody counted what a foreign filter costs: it is told of, and not taken.
+  const auto counted = [](const Candidate& c) { return !std::isnan(c.operations); };
+  const auto eligible = [&](const Candidate& c) { return !c.refused && c.filter->holds != Held::gain && counted(c); };
 
   double least_loss = std::numeric_limits<double>::infinity();
   for (const Candidate& c : all)
@@ -319,6 +334,8 @@ Recommendation recommend(const Comparison& comparison) {
                                              what_fails(comparison, *chosen)));
     }
   }
+  for (const Candidate& c : all)
+    if (!counted(c) && !c.refused) result.sentences.push_back(foreign_sentence(comparison, c, points.size()));
   if (scans_bits) result.sentences.push_back(ladder(comparison));
   std::string refused;
   for (const Candidate& c : all)
@@ -339,7 +356,7 @@ Comparison compare(const CompareOptions& options) {
   result.scans = options.scans;
   result.accurate = options.accurate;
   const properties::System system = find_system(options.system, options.overrides);
-  result.as_written = run(system, options.filters, {});
+  result.as_written = run(system, options.filters, {.foreign = options.foreign});
   result.base.filters.resize(options.filters.size());
   add(result.base, result.as_written, options.filters);
   result.base.error = result.as_written.reference_error;

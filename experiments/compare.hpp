@@ -30,6 +30,7 @@ struct Fare {
   double asymmetry = std::numeric_limits<double>::quiet_NaN();
   std::optional<std::int64_t> first_indefinite, first_failure;
   Status failure = Status::ok;
+  std::string stopped;  ///< FilterRun::stopped
 
   /// Every step was done, and P was positive semidefinite after each.
   bool sound() const { return !refused && !first_failure && !first_indefinite; }
@@ -70,7 +71,8 @@ struct CompareOptions {
   std::string system;  ///< as find_system takes it
   properties::Overrides overrides;
   std::vector<const Metadata*> filters;
-  std::vector<Scan> scans;  ///< two at most
+  std::vector<Foreign*> foreign = {};  ///< those of the filters that are not of the registry
+  std::vector<Scan> scans;             ///< two at most
   double accurate = 3;
   int jobs = 0;
   std::function<void(std::int64_t)> progress;  ///< called after so many more points

@@ -150,7 +150,7 @@ std::vector<reports::Figure> heat_maps(const Comparison& c, const Shown& what) {
 }
 
 std::string definiteness(const Fare& own) {
-  if (own.first_failure) return fmt::format("{} at {}", name(own.failure), *own.first_failure);
+  if (own.first_failure) return fmt::format("{} at {}", failure_name(own.failure, own.stopped), *own.first_failure);
   if (own.filter->holds == Held::gain) return "-";
   return own.first_indefinite ? fmt::format("not definite at {}", *own.first_indefinite) : "yes";
 }
@@ -176,11 +176,12 @@ reports::Table comparison_table(const Comparison& c) {
       continue;
     }
     const double seconds = run.filters[i].seconds_per_step;
-    table.rows.push_back({id, decimals(own.P.end), decimals(own.P.worst), decimals(own.bound), decimals(own.K.end),
-                          decimals(own.K.worst), decimals(own.x.end), decimals(own.x.worst),
-                          std::isnan(own.asymmetry) ? "-" : short_number(own.asymmetry), definiteness(own),
-                          fmt::format("{:.0f}", operations(*c.filters[i], run.dimensions)),
-                          std::isnan(seconds) ? "-" : fmt::format("{:.2f}", seconds * 1e6)});
+    table.rows.push_back(
+        {id, decimals(own.P.end), decimals(own.P.worst), decimals(own.bound), decimals(own.K.end),
+         decimals(own.K.worst), decimals(own.x.end), decimals(own.x.worst),
+         std::isnan(own.asymmetry) ? "-" : short_number(own.asymmetry), definiteness(own),
+         c.filters[i]->operations.empty() ? "-" : fmt::format("{:.0f}", operations(*c.filters[i], run.dimensions)),
+         std::isnan(seconds) ? "-" : fmt::format("{:.2f}", seconds * 1e6)});
   }
   return table;
 }

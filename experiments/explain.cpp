@@ -51,6 +51,7 @@ Explanation losses(const FilterRun& f, const AnalysisRun& analysis) {
   e.first_indefinite = f.first_indefinite;
   e.first_failure = f.first_failure;
   e.failure = f.failure;
+  e.stopped = f.stopped;
   if (e.refused) return e;
   const bool holds_P = f.metadata->holds != Held::gain;
   e.of = holds_P ? 'P' : 'K';
@@ -104,7 +105,7 @@ void tell(Explanation& e, const SystemRun& run) {
   const std::string id(e.filter->id);
   const auto say = [&](std::string sentence) { e.sentences.push_back(std::move(sentence)); };
   if (e.refused) return say("It was not run: " + *e.refused + ".");
-  if (e.first_failure) say(fmt::format("{} breaks down in step {}: {}.", id, *e.first_failure, name(e.failure)));
+  if (e.first_failure) say(fmt::format("{} breaks down in step {}: {}.", id, *e.first_failure, failure_name(e.failure, e.stopped)));
   if (e.lost < 1) {
     if (!e.first_failure) say(fmt::format("{} loses less than a digit of {}.", id, e.of));
     return;

@@ -40,6 +40,7 @@ struct Explanation {
   double asymmetry = 0;      ///< the asymmetry of P at the worst step as a part of its error, within [0, 1]
   std::optional<std::int64_t> first_indefinite, first_failure;
   Status failure = Status::ok;
+  std::string stopped;  ///< FilterRun::stopped
   /// |p^_ij - p_ij| / sqrt(p_ii p_jj) at the worst step; empty where it is not known.
   Matrix<double> entries;
   std::optional<Cancellations> cancellations;

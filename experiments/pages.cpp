@@ -161,7 +161,7 @@ reports::Table run_table(const SystemRun& run) {
       table.rows.push_back({std::string(f.metadata->id), "refused: " + *f.refused});
       continue;
     }
-    if (f.gain_error.count() == 0 && !f.first_failure) {
+    if (f.gain_error.count() == 0 && f.covariance_error.count() == 0 && !f.first_failure) {
       table.rows.push_back({std::string(f.metadata->id)});  // no step was done
       continue;
     }
@@ -179,7 +179,7 @@ reports::Table run_table(const SystemRun& run) {
                                                : "never",
                           std::isnan(f.correct_digits) ? "-" : fmt::format("{:.1f}", f.correct_digits),
                           seconds_text(f.seconds_per_step)});
-    if (f.first_failure) table.rows.back().push_back(fmt::format("{} at {}", name(f.failure), *f.first_failure));
+    if (f.first_failure) table.rows.back().push_back(fmt::format("{} at {}", failure_name(f.failure, f.stopped), *f.first_failure));
   }
   return table;
 }

@@ -53,8 +53,11 @@ json series(const Series& s) {
   return {{"step", values(points.step)}, {"value", values(points.value)}, {"count", s.count()}};
 }
 
-json failure_json(const std::optional<std::int64_t>& step, Status status) {
-  return step ? json{{"step", *step}, {"status", name(status)}} : json();
+json failure_json(const std::optional<std::int64_t>& step, Status status, const std::string& stopped) {
+  if (!step) return json();
+  json failure{{"step", *step}, {"status", failure_name(status, stopped)}};
+  if (!stopped.empty()) failure["reason"] = stopped;
+  return failure;
 }
 
 json filter_json(const FilterRun& f) {
@@ -82,7 +85,7 @@ json filter_json(const FilterRun& f) {
   object["worst"] = worst;
   object["last"] = last;
   object["first_indefinite"] = f.first_indefinite ? json(*f.first_indefinite) : json();
-  object["failure"] = failure_json(f.first_failure, f.failure);
+  object["failure"] = failure_json(f.first_failure, f.failure, f.stopped);
   put(object, "seconds_per_step", f.seconds_per_step);
   object["curves"] = {{"covariance_error", series(f.covariance_error)},
                       {"bound", series(f.bound)},
@@ -143,7 +146,7 @@ json point_json(const Comparison& c, const Point& point) {
       put(entry, "bound", own.bound);
       put(entry, "asymmetry", own.asymmetry);
       entry["first_indefinite"] = own.first_indefinite ? json(*own.first_indefinite) : json();
-      entry["failure"] = failure_json(own.first_failure, own.failure);
+      entry["failure"] = failure_json(own.first_failure, own.failure, own.stopped);
       entry["sound"] = own.sound();
       entry["kept"] = own.kept();
     }
@@ -213,7 +216,7 @@ std::string explain_json(const std::vector<Explained>& explained, const Context&
       entry["worst_step"] = e.worst;
       put(entry, "asymmetry", e.asymmetry);
       entry["first_indefinite"] = e.first_indefinite ? json(*e.first_indefinite) : json();
-      entry["failure"] = failure_json(e.first_failure, e.failure);
+      entry["failure"] = failure_json(e.first_failure, e.failure, e.stopped);
       entry["losses"] = json::array();
       for (const Loss& loss : e.losses) {
         json of_step{{"step", loss.step}};

@@ -44,6 +44,7 @@ struct Course {
 struct Runner {
   FilterRun result;
   Course* course = nullptr;
+  Foreign* foreign = nullptr;  ///< if it is not of the registry
   /// One of the two: of doubles, or of another number of bits.
   std::unique_ptr<AnyFilter<double>> filter;
   std::unique_ptr<reference::RoundedFilter> rounded;
@@ -52,13 +53,21 @@ struct Runner {
   void start(int bits, Dimensions dimensions) {
     const Metadata& metadata = *result.metadata;
     if (bits == bits_of_double) {
-      filter = make_filter<double>(metadata.id);
+      filter = foreign ? foreign->make() : make_filter<double>(metadata.id);
       filter->start(*course->numbers());
     } else {
       rounded = std::make_unique<reference::RoundedFilter>(metadata, bits);
       rounded->start(*course->numbers());
     }
-    bound.emplace(metadata, dimensions, std::ldexp(1, -bits));
+    bound.emplace(metadata, dimensions, foreign ? foreign->roundoff() : std::ldexp(1, -bits));
+  }
+  void stop(std::int64_t k, const std::string& why) {
+    result.first_failure = k;
+    result.stopped = why;
+  }
+  void stop(std::int64_t k, const properties::SubjectFault& fault) {
+    stop(k, std::string(fault.what()));
+    foreign->give_up(fault);
   }
   bool running() const { return bound && !result.first_failure; }
 };
@@ -100,9 +109,11 @@ void record(Runner& runner, std::int64_t k, const Step<Scalar>& step, double bou
   }
   const Trajectory& truth = *runner.course->truth;
   const Errors e = truth.measure(*r.metadata, step);
-  r.gain_error.add(k, e.gain);
-  const double gain_bound = runner.bound->gain(truth.truth(), output_map(*runner.course->numbers(), k));
-  if (!std::isnan(gain_bound)) r.gain_bound.add(k, gain_bound);
+  if (step.gain) {
+    r.gain_error.add(k, e.gain);
+    const double gain_bound = runner.bound->gain(truth.truth(), output_map(*runner.course->numbers(), k));
+    if (!std::isnan(gain_bound)) r.gain_bound.add(k, gain_bound);
+  }
   if (with_data) r.state_error.add(k, e.state);
   if constexpr (std::is_same_v<Scalar, double>)
     if (options.observe) options.observe({k, *r.metadata, step, e, truth});
@@ -119,10 +130,14 @@ void measure(Runner& runner, std::int64_t k, const Vector<double>* y, const Vect
              const RunOptions& options) {
   const double bound = runner.bound->advance(runner.course->truth->truth());
   if (!runner.running()) return;
-  if (runner.rounded)
-    record(runner, k, runner.rounded->step(k, y, u), bound, y, options);
-  else
+  if (runner.rounded) return record(runner, k, runner.rounded->step(k, y, u), bound, y, options);
+  try {
     record(runner, k, runner.filter->step(k, y, u), bound, y, options);
+  } catch (const ForeignStop& why) {
+    runner.stop(k, std::string(why.what()));
+  } catch (const properties::SubjectFault& why) {
+    runner.stop(k, why);
+  }
 }
 
 /// Times a filter alone, over at most a thousand steps, repeated until they took ten milliseconds.
@@ -191,7 +206,8 @@ SystemRun run(const properties::System& asked, const std::vector<const Metadata*
   result.dimensions = system.dimensions();
   result.parameters = system.parameters;
   result.steps_asked = system.steps;
-  if (const auto* simulated = dynamic_cast<const properties::Simulated*>(system.data.get())) result.seed = simulated->seed();
+  if (const auto* simulated = dynamic_cast<const properties::Simulated*>(system.data.get()))
+    result.seed = simulated->seed();
 
   const auto data = reference::rounded(system.data, options.bits);
   std::map<Parametrisation, Course> courses;
@@ -199,8 +215,17 @@ SystemRun run(const properties::System& asked, const std::vector<const Metadata*
   for (const Metadata* metadata : filters) {
     Runner& runner = runners.emplace_back();
     runner.result.metadata = metadata;
-    if (const auto refusal = properties::refusal(*metadata, asked)) {
+    const auto foreign =
+        std::ranges::find_if(options.foreign, [&](const Foreign* f) { return &f->metadata() == metadata; });
+    if (foreign != options.foreign.end()) runner.foreign = *foreign;
+    const auto refusal = runner.foreign ? runner.foreign->refusal(asked) : properties::refusal(*metadata, asked);
+    if (refusal) {
       runner.result.refused = refusal->reason;
+      continue;
+    }
+    if (runner.foreign && options.bits != bits_of_double) {
+      runner.result.refused =
+          fmt::format("{} computes in words of its own, not of {} bits", metadata->id, options.bits);
       continue;
     }
     auto found = courses.find(metadata->takes);
@@ -211,7 +236,13 @@ SystemRun run(const properties::System& asked, const std::vector<const Metadata*
       runner.result.refused = std::get<properties::Refusal>(runner.course->problem).reason;
       continue;
     }
-    runner.start(options.bits, result.dimensions);
+    try {
+      runner.start(options.bits, result.dimensions);
+    } catch (const ForeignStop& why) {
+      runner.result.refused = fmt::format("{} {}", metadata->id, why.what());
+    } catch (const properties::SubjectFault& why) {
+      runner.stop(0, why);
+    }
   }
 
   std::vector<std::unique_ptr<Trajectory>> truths;
@@ -251,7 +282,7 @@ SystemRun run(const properties::System& asked, const std::vector<const Metadata*
       first = false;
     }
   for (Runner& runner : runners) {
-    if (runner.filter && options.timed && !result.interrupted)
+    if (runner.filter && !runner.foreign && options.timed && !result.interrupted)
       runner.result.seconds_per_step =
           time_step(*runner.result.metadata, *runner.course->numbers(), system, result.steps_done);
     else

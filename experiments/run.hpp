@@ -6,8 +6,10 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
+#include <kfstab/experiments/foreign.hpp>
 #include <kfstab/experiments/series.hpp>
 #include <kfstab/filters/any_filter.hpp>
 #include <kfstab/filters/metadata.hpp>
@@ -38,7 +40,8 @@ struct FilterRun {
   std::optional<std::int64_t> first_indefinite;  ///< first step at which P was not positive semidefinite
   std::optional<std::int64_t> first_failure;     ///< step that the filter could not do; it was not stepped on
   Status failure = Status::ok;
-  /// Of a step alone, in a loop without reference or measurements of error; NaN if it fails at once.
+  std::string stopped;         ///< instead of a status, what a foreign filter said or did then, in words
+  /// Of a step alone, in a loop without reference or measurements of error; NaN if it fails at once, and of a foreign filter.
   double seconds_per_step = 0;
 };
 
@@ -73,6 +76,11 @@ struct Observation {
   const reference::Trajectory& truth;
 };
 
+/// How a step failed, as tables say it: the status, or "no_answer" of a foreign filter.
+inline std::string_view failure_name(Status status, const std::string& stopped) {
+  return stopped.empty() ? name(status) : "no_answer";
+}
+
 struct RunOptions {
   int digits = 30;  ///< to be certified; more where the filters have more bits
   /// Called after so many more steps.
@@ -83,10 +91,12 @@ struct RunOptions {
   bool timed = true;  ///< measure seconds_per_step, of 53 bits
   /// Called after each step of each filter of 53 bits.
   std::function<void(const Observation&)> observe = {};
+  /// Those of the filters that are not of the registry.
+  std::vector<Foreign*> foreign = {};
 };
 
-/// Runs the filters (metadata of the registry) on the system; missing measurements as properties::with_every_measurement has
-/// them. Stops early when interrupted() or when the reference has
+/// Runs the filters (metadata of the registry, or of options.foreign) on the system; missing measurements as
+/// properties::with_every_measurement has them, foreign filters not excepted. Stops early when interrupted() or when the reference has
 /// no answer, and keeps what is done.
 SystemRun run(const properties::System& system, const std::vector<const Metadata*>& filters, const RunOptions& options);
 

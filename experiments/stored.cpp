@@ -172,7 +172,10 @@ FilterRun filter_of(const Node& node, Owner& owner) {
   if (const Node step = node["first_indefinite"]; !step.is_null()) f.first_indefinite = step.integer();
   if (const Node failure = node["failure"]; !failure.is_null()) {
     f.first_failure = failure["step"].integer();
-    f.failure = named(failure["status"], Status::overflow, [](Status s) { return name(s); });
+    if (failure["status"].text() == "no_answer")
+      f.stopped = failure["reason"].text();
+    else
+      f.failure = named(failure["status"], Status::overflow, [](Status s) { return name(s); });
   }
   f.seconds_per_step = node.number("seconds_per_step");
   return f;

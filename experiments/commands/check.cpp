@@ -126,6 +126,13 @@ struct Candidate {
   std::function<std::unique_ptr<properties::Subject>()> make;
 };
 
+/// As a word of the shell.
+std::string quoted(const std::string& text) {
+  std::string word = "'";
+  for (const char c : text) word += c == '\'' ? std::string("'\\''") : std::string(1, c);
+  return word + "'";
+}
+
 std::vector<Candidate> candidates(const CheckArguments& arguments) {
   std::vector<Candidate> all;
   if (arguments.filters) {
@@ -133,6 +140,11 @@ std::vector<Candidate> candidates(const CheckArguments& arguments) {
       all.push_back(
           {fmt::format("--filters '^{}$'", metadata->id), [metadata] { return properties::built_in(metadata->id); }});
   }
+  const properties::Limits limits = arguments.foreign.limits();
+  for (const std::string& command : arguments.foreign.commands)
+    all.push_back({"--exec " + quoted(command), [=] { return properties::exec_subject(command, limits); }});
+  for (const std::string& library : arguments.foreign.plugins)
+    all.push_back({"--plugin " + quoted(library), [=] { return properties::plugin_subject(library, limits); }});
   return all;
 }
 
@@ -143,7 +155,7 @@ int check_command(const CheckArguments& arguments) {
   if (subjects.empty()) {
     properties::Place place;
     place.origin = "check";
-    throw properties::InputError(place, "no filter to check", "--filters REGEX");
+    throw properties::InputError(place, "no filter to check", "--filters REGEX, --exec CMD or --plugin LIB");
   }
   properties::CheckOptions options;
   options.cases = arguments.cases;
@@ -171,6 +183,7 @@ int check_command(const CheckArguments& arguments) {
           properties::check(*subject, options, one.report);
           if (one.failed() > 0) one.diagnosis = properties::diagnose(one.report.subject, one.report.runs);
         } catch (const properties::SubjectFault& fault) {
+          if (one.report.subject.name.empty()) one.report.subject.name = one.selected_by;
           one.fault = CheckedSubject::Fault{kind_name(fault.kind), fault.what()};
         }
       });

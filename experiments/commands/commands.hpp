@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include <kfstab/experiments/foreign.hpp>
 #include <kfstab/experiments/pages.hpp>
 
 /// The commands, one file each; main.cpp reads the command line. Each returns its exit code (docs/conventions.md) and
@@ -22,6 +23,7 @@ using SetArguments = std::map<std::string, std::string>;
 struct RunArguments {
   std::vector<std::string> systems;
   std::string filters;
+  ForeignArguments foreign;
   std::optional<std::int64_t> steps;
   std::optional<std::uint64_t> seed;
   int jobs = 0;  ///< 0: one a core
@@ -47,6 +49,7 @@ int reference_command(const ReferenceArguments& arguments);
 struct CompareArguments {
   std::string system;
   std::string filters;
+  ForeignArguments foreign;
   std::vector<std::string> scans;
   std::optional<std::int64_t> steps;
   std::optional<std::uint64_t> seed;
@@ -85,6 +88,7 @@ int claim_command(const ClaimArguments& arguments);
 
 struct CheckArguments {
   std::optional<std::string> filters;
+  ForeignArguments foreign;
   std::string laws;
   int cases = 200;
   std::uint64_t seed = 1986;

@@ -42,10 +42,16 @@ int compare_command(const CompareArguments& arguments) {
   CompareOptions options{.system = arguments.system,
                          .overrides = {arguments.set, arguments.steps, arguments.seed},
                          .filters = select_filters(arguments.filters),
+                         .foreign = {},
                          .scans = scans_of(arguments.scans),
                          .accurate = arguments.accurate,
                          .jobs = arguments.jobs,
                          .progress = {}};
+  const auto foreign = open_foreign(arguments.foreign);
+  for (const auto& one : foreign) {
+    options.filters.push_back(&one->metadata());
+    options.foreign.push_back(one.get());
+  }
   const std::string subject = find_system(options.system, options.overrides).name;
   check_scans(options);
   Output output(arguments.out, "compare-" + subject, arguments.json, arguments.rendering);
@@ -80,6 +86,7 @@ int compare_command(const CompareArguments& arguments) {
   if (failed > 0)
     fmt::print(stderr, "kfstab: {}: the reference has no answer at {} of {} points; the first: {}\n", subject, failed,
                result.points.size(), *std::ranges::find_if(result.points, has_no_answer)->error);
+  if (report_faults(foreign)) return Exit::foreign;
   const bool nothing = result.points.empty() ? result.base.error.has_value() : failed == points;
   return nothing ? Exit::usage : Exit::ok;
 }

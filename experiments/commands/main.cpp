@@ -12,6 +12,8 @@
 #include <kfstab/experiments/interruption.hpp>
 #include <kfstab/experiments/selection.hpp>
 #include <kfstab/properties/input_error.hpp>
+#include <kfstab/properties/plugin_host.hpp>
+#include <kfstab/properties/subject.hpp>
 #include <kfstab/reports/files.hpp>
 
 #include <kfstab_revision.hpp>
@@ -53,7 +55,7 @@ int command_line(int argc, char** argv) {
   });
   app.footer(
       "Exit codes: 0 all well; 1 a claim is refuted or inconclusive, a law failed; 2 usage or bad input; 3 a fault of kfstab;\n"
-      "5 nothing selected; 130 interrupted. Every flag has an environment twin: --filters is KFSTAB_FILTERS.");
+      "4 a filter of yours died, hung, flooded or broke a limit; 5 nothing selected; 130 interrupted. Every flag has an environment twin: --filters is KFSTAB_FILTERS.");
   int exit_code = Exit::ok;
   // What is parsed with a callback of its own reads its environment twins alone: those of a command that was not called
   // neither spoil this one nor, where two share a variable, win over its flags.
@@ -79,11 +81,23 @@ int command_line(int argc, char** argv) {
         ->default_str("screen");
   };
 
+  const auto add_foreign = [](CLI::App* command, ForeignArguments& foreign) {
+    command->add_option("--exec", foreign.commands, "a filter of yours, as a shell command that speaks protocol 1 (docs/protocol.md)")
+        ->envname("KFSTAB_EXEC")->type_name("CMD")->take_all()->expected(1);
+    command->add_option("--plugin", foreign.plugins, "a filter of yours, as a shared library (kfstab_filter.h)")
+        ->envname("KFSTAB_PLUGIN")->type_name("LIB")->take_all()->expected(1);
+    command->add_option("--timeout", foreign.timeout, "seconds that a filter of yours may take for a step")
+        ->envname("KFSTAB_TIMEOUT")->type_name("SECONDS")->check(CLI::Range(0.001, 1e6).description(""))->capture_default_str();
+    command->add_option("--memory", foreign.memory, "MiB of address space that it may take; 0: no limit")
+        ->envname("KFSTAB_MEMORY")->type_name("MIB")->check(CLI::Range(0.0, 1e9).description(""))->capture_default_str();
+  };
+
   RunArguments run;
   auto* run_app = add_command("run", "Run filters through a system, beside a certified reference");
   run_app->add_option("SYSTEM", run.systems, "a name that `list systems` prints, or a file (.toml, .json)")->required();
   run_app->add_option("--filters", run.filters, "regular expression on filter ids; a leading - excludes")
       ->envname("KFSTAB_FILTERS")->type_name("REGEX");
+  add_foreign(run_app, run.foreign);
   run_app->add_option("--steps", run.steps, "steps to run, instead of the system's own")
       ->envname("KFSTAB_STEPS")->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 53).description(""));
   run_app->add_option("--seed", run.seed, "seed of simulated data, instead of the system's own")->envname("KFSTAB_SEED");
@@ -107,6 +121,7 @@ int command_line(int argc, char** argv) {
   compare_app->add_option("SYSTEM", comparison.system, "a name that `list systems` prints, or a file (.toml, .json)")->required();
   compare_app->add_option("--filters", comparison.filters, "regular expression on filter ids; a leading - excludes")
       ->envname("KFSTAB_FILTERS")->type_name("REGEX");
+  add_foreign(compare_app, comparison.foreign);
   compare_app
       ->add_option("--scan", comparison.scans,
                    "twice at most; NAME one of [parameters], an entry R[0,0], scale:Q or bits;\n"
@@ -197,6 +212,7 @@ int command_line(int argc, char** argv) {
   auto* check_app = add_command("check", "Check a filter by laws on random systems: the smallest that breaks one, and what it means");
   auto* filters_option = check_app->add_option("--filters", checked_filters, "filters that come with kfstab: regular expression on ids; a leading - excludes")
       ->envname("KFSTAB_FILTERS")->type_name("REGEX");
+  add_foreign(check_app, check.foreign);
   check_app->add_option("--laws", check.laws, "regular expression on law ids; a leading - excludes")->envname("KFSTAB_LAWS")->type_name("REGEX");
   auto* cases_option = check_app->add_option("--cases", check.cases, "systems to draw")
       ->envname("KFSTAB_CASES")->check(CLI::Range(0, 10000000).description(""))->capture_default_str();
@@ -263,6 +279,8 @@ void complain(const std::string& message) { std::fputs(("kfstab: " + message + "
 
 int main(int argc, char** argv) {
   kfstab::reports::ignore_file_signals();
+  // Not a command for people: the process in which --plugin loads a library.
+  if (argc == 3 && argv[1] == std::string_view("plugin-host")) return kfstab::properties::serve_plugin(argv[2]);
   watch_for_interruption();
   try {
     const int exit_code = command_line(argc, argv);
@@ -272,6 +290,9 @@ int main(int argc, char** argv) {
   } catch (const kfstab::properties::InputError& error) {
     complain(error.what());
     return Exit::usage;
+  } catch (const kfstab::properties::SubjectFault& fault) {
+    complain(fault.what());
+    return Exit::foreign;
   } catch (const kfstab::reports::FileError& error) {
     complain(error.what());
     return Exit::usage;

@@ -19,7 +19,7 @@
 namespace kfstab::experiments {
 
 int run_command(const RunArguments& arguments) {
-  const auto selected = select_filters(arguments.filters);
+  auto selected = select_filters(arguments.filters);
   std::vector<properties::System> systems;
   std::int64_t steps = 0;
   std::string subject;
@@ -29,6 +29,12 @@ int run_command(const RunArguments& arguments) {
     if (!subject.empty()) subject += "+";
     subject += systems.back().name;
   }
+  const auto foreign = open_foreign(arguments.foreign);
+  RunOptions options{.digits = arguments.digits};
+  for (const auto& one : foreign) {
+    selected.push_back(&one->metadata());
+    options.foreign.push_back(one.get());
+  }
   Output output(arguments.out, "run-" + subject, arguments.json, arguments.rendering);
 
   std::vector<SystemRun> results(systems.size());
@@ -36,10 +42,12 @@ int run_command(const RunArguments& arguments) {
     Progress progress("run " + subject, steps);
     const auto one = [&](std::size_t i) {
       std::int64_t pending = 0;
-      results[i] = run(systems[i], selected, {arguments.digits, [&](std::int64_t units) {
-                         // The clock is asked at every step of slow runs, seldom in fast ones.
-                         if (++pending % 16 == 0) progress.advance(16 * units);
-                       }});
+      RunOptions own = options;
+      own.progress = [&](std::int64_t units) {
+        // The clock is asked at every step of slow runs, seldom in fast ones.
+        if (++pending % 16 == 0) progress.advance(16 * units);
+      };
+      results[i] = run(systems[i], selected, own);
     };
     oneapi::tbb::task_arena arena(arguments.jobs == 0 ? oneapi::tbb::task_arena::automatic : arguments.jobs);
     arena.execute([&] { oneapi::tbb::parallel_for(std::size_t{0}, systems.size(), one); });
@@ -61,6 +69,7 @@ int run_command(const RunArguments& arguments) {
     fmt::print(stderr, "kfstab: interrupted; the steps done are written\n");
     return Exit::interrupted;
   }
+  if (report_faults(foreign)) return Exit::foreign;
   return failed ? Exit::usage : Exit::ok;
 }
 

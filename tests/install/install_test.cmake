@@ -1,4 +1,4 @@
-# Installs two rooms and builds a project that finds them. Nothing of kfstab's own trees is within its reach.
+# Installs four rooms and builds a project that finds them. Nothing of kfstab's own trees is within its reach.
 function(run)
   execute_process(COMMAND ${ARGN} RESULT_VARIABLE result OUTPUT_VARIABLE output ERROR_VARIABLE output)
   if(NOT result EQUAL 0)
@@ -8,7 +8,7 @@ function(run)
 endfunction()
 
 file(REMOVE_RECURSE ${SCRATCH})
-foreach(room filters reference)
+foreach(room filters reference properties check)
   run(${CMAKE_COMMAND} --install ${BUILD} --prefix ${SCRATCH}/prefix --component ${room})
 endforeach()
 run(${CMAKE_COMMAND} -S ${CONSUMER} -B ${SCRATCH}/build -G ${GENERATOR} -DCMAKE_PREFIX_PATH=${SCRATCH}/prefix

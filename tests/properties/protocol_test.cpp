@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <fstream>
 #include <limits>
+#include <stdexcept>
 #include <thread>
 
 #include <sys/wait.h>
@@ -15,15 +16,19 @@
 
 #include <fmt/format.h>
 
+#include <kfstab/properties/check.hpp>
 #include <kfstab/properties/data.hpp>
+#include <kfstab/properties/failure_message.hpp>
 #include <kfstab/properties/input_error.hpp>
 #include <kfstab/properties/json_line.hpp>
+#include <kfstab/properties/typed_filter.hpp>
 
-#include "properties/foreign/textbook.hpp"
+#include "properties/foreign/in_process.hpp"
 #include "properties/systems.hpp"
 
 using namespace kfstab;
 using namespace kfstab::properties;
+using kfstab::properties::testing::InProcess;
 using namespace std::chrono_literals;
 namespace fs = std::filesystem;
 
@@ -72,32 +77,6 @@ System small() {
   system.steps = 4;
   return system;
 }
-
-/// The filter of the test program, on this side.
-class InProcess final : public StepwiseFilter {
- public:
-  InProcess() { traits_.gain = GainKind::filter; }
-  const Traits& traits() const override { return traits_; }
-  std::optional<Ending> start(const Dimensions&, const Vector<double>& x, const Matrix<double>& P) override {
-    filter_.x = x;
-    filter_.P = P;
-    return std::nullopt;
-  }
-  std::variant<Answer, Ending> step(const StepInput& input) override {
-    if (input.y) filter_.update(input.C, input.R, *input.y);
-    filter_.predict(input.A, input.B, input.Q);
-    if (input.u) filter_.x += *input.D * *input.u;
-    Answer answer;
-    answer.held = filter_.P;
-    answer.state = filter_.x;
-    if (input.y) answer.gain = filter_.K;
-    return answer;
-  }
-
- private:
-  Traits traits_;
-  properties::testing::Textbook<double> filter_;
-};
 
 struct Outcome {
   Ending ending;
@@ -497,4 +476,125 @@ TEST(Protocol, ManyAtOnceDoNotHoldEachOthersPipes) {
   const auto begin = std::chrono::steady_clock::now();
   for (auto& subject : subjects) subject.reset();
   EXPECT_LT(std::chrono::steady_clock::now() - begin, 10s);
+}
+
+// --- shared libraries, and the starters -------------------------------------------------------------------------------------
+
+namespace {
+
+/// Every law on a few systems: that a correct filter passes thousands is not the question of this test.
+void expect_passes(Subject& subject) {
+  CheckOptions options;
+  options.cases = 6;
+  const CheckReport report = check(subject, options);
+  for (const LawOutcome& outcome : report.laws)
+    if (outcome.failure) ADD_FAILURE() << report.subject.name << "\n" << failure_message(outcome);
+  EXPECT_GT(report.steps, 0);
+}
+
+}  // namespace
+
+TEST(Plugin, TheStarterInCPasses) {
+  const auto plugin = plugin_subject(KFSTAB_STARTER_PLUGIN, {}, KFSTAB_FOREIGN_FILTER);
+  EXPECT_EQ(plugin->traits().name, "textbook (C)");
+  expect_passes(*plugin);
+}
+
+TEST(Plugin, ALibraryThatIsNoneIsNamed) {
+  const auto complaint = [](const std::string& library) -> std::string {
+    try {
+      plugin_filter(library, {}, KFSTAB_FOREIGN_FILTER);
+    } catch (const SubjectFault& fault) {
+      return fault.what();
+    }
+    return "none";
+  };
+  expect_has(complaint("nowhere.so"), "./nowhere.so: cannot open shared object file");
+  // It exports nothing of ours.
+  expect_has(complaint("/proc/self/exe"), "kfstab_filter");
+}
+
+TEST(Protocol, TheStarterInCppPasses) { expect_passes(*exec_subject(KFSTAB_STARTER)); }
+
+// --- C++ types ----------------------------------------------------------------------------------------------------------------
+
+namespace {
+
+struct OwnType {
+  kfstab::properties::testing::Textbook<double> filter;
+  double factor = 1;  ///< 1 is right
+
+  void start(const Vector<double>& x, const Matrix<double>& P) {
+    if (x.size() > 7) throw std::length_error("seven states at most");
+    filter.x = x;
+    filter.P = P;
+  }
+  bool step(const StepInput& in) {
+    if (in.y && in.y->size() > 6) return false;
+    if (in.y) filter.update(in.C, factor * in.R, *in.y);
+    filter.predict(in.A, in.B, in.Q);
+    if (in.u) filter.x += *in.D * *in.u;
+    return true;
+  }
+  Vector<double> state() const { return filter.x; }
+  Matrix<double> covariance() const { return filter.P; }
+  Matrix<double> filter_gain() const { return filter.K; }
+};
+
+struct Mistaken : OwnType {
+  Mistaken() { factor = 2; }
+  static Traits traits() {
+    Traits traits;
+    traits.name = "twice R";
+    traits.measurement_every_step = true;
+    return traits;
+  }
+};
+
+static_assert(CheckableFilter<OwnType> && CheckableFilter<Mistaken>);
+static_assert(!CheckableFilter<Traits>);
+
+}  // namespace
+
+TEST(TypedFilter, IsASubjectLikeAnother) {
+  const auto here = subject(std::make_unique<InProcess>());
+  const auto typed = typed_subject<OwnType>("OwnType");
+  EXPECT_EQ(typed->traits().name, "OwnType");
+  EXPECT_EQ(typed->traits().gain, GainKind::filter);
+  expect_same(run(*here, demanding()), run(*typed, demanding()));
+}
+
+TEST(TypedFilter, MaySayNo) {
+  const auto typed = typed_subject<OwnType>("OwnType");
+  System many = small();
+  many.C = Matrix<double>(Matrix<double>::Ones(7, 3));
+  many.R.value = Matrix<double>(Matrix<double>::Identity(7, 7));
+  EXPECT_EQ(run(*typed, many).ending.reason, "it returned false");
+  System large = small();
+  large.A = Matrix<double>(Matrix<double>::Identity(8, 8));
+  large.B = Matrix<double>(Matrix<double>::Ones(8, 2));
+  large.C = Matrix<double>(Matrix<double>::Ones(2, 8));
+  large.D = Matrix<double>(8, 0);
+  large.P0.value = Matrix<double>(Matrix<double>::Identity(8, 8));
+  large.x0 = Vector<double>::Zero(8);
+  const Outcome outcome = run(*typed, large);
+  EXPECT_EQ(outcome.ending.kind, Ending::Kind::refused);
+  EXPECT_EQ(outcome.ending.reason, "seven states at most");
+}
+
+TEST(TypedFilter, AMistakeIsFoundAndTold) {
+  const auto mistaken = typed_subject<Mistaken>("unused");
+  EXPECT_EQ(mistaken->traits().name, "twice R");
+  EXPECT_TRUE(mistaken->traits().measurement_every_step);
+  CheckOptions options;
+  options.cases = 10;
+  const CheckReport report = check(*mistaken, options);
+  EXPECT_FALSE(report.passed());
+  for (const LawOutcome& outcome : report.laws)
+    if (outcome.failure) {
+      const std::string text = failure_message(outcome);
+      expect_has(text, std::string(outcome.law.id));
+      expect_has(text, "The smallest system on which it shows:");
+      expect_has(text, "P0 = ");
+    }
 }

@@ -1,8 +1,8 @@
 /*
  * A textbook Kalman filter as a shared library that kfstab can load (kfstab_filter.h). C99, nothing but libc.
  *
- *     cc -O2 -shared -fPIC -I ../properties/plugin -o filter.so filter.c
- *     kfstab check --plugin ./filter.so
+ *     cc -O2 -shared -fPIC -I ../properties/plugin -o textbook.so textbook.c
+ *     kfstab check --plugin ./textbook.so
  *
  * Copy it, and put your own filter in the place of `update` and `predict`. Matrices are row by row.
  */

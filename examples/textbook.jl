@@ -1,8 +1,10 @@
 # A textbook Kalman filter that speaks protocol 1 (docs/protocol.md). Needs Julia 1.6 and no package.
 #
-#     kfstab check --exec 'julia --startup-file=no filter.jl'
+#     kfstab check --exec 'julia --startup-file=no textbook.jl'
 #
 # Copy it, and put your own filter in the place of Filter and step!: the rest is the protocol.
+
+using LinearAlgebra
 
 mutable struct Filter
     x::Vector{Float64}

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """A textbook Kalman filter that speaks protocol 1 (docs/protocol.md). Needs nothing but Python.
 
-    kfstab check --exec 'python3 filter.py'
+    kfstab check --exec 'python3 textbook.py'
 
 Copy it, and put your own filter in the place of `Filter`: the rest is the protocol.
 """

@@ -1,6 +1,6 @@
 % A textbook Kalman filter that speaks protocol 1 (docs/protocol.md). Needs Octave 7 and no package.
 %
-%     kfstab check --exec 'octave-cli --quiet filter.m'
+%     kfstab check --exec 'octave-cli --quiet textbook.m'
 %
 % Copy it, and put your own filter in the place of start_filter and step_filter: the rest is the protocol.
 1;

@@ -1,7 +1,7 @@
 // A textbook Kalman filter that speaks protocol 1 (docs/protocol.md). Rust 1.63, no crate.
 //
-//     rustc -O -o filter filter.rs
-//     kfstab check --exec ./filter
+//     rustc -O -o textbook textbook.rs
+//     kfstab check --exec ./textbook
 //
 // Copy it, and put your own filter in the place of `Filter`: the rest is the protocol.
 

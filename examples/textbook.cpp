@@ -1,7 +1,7 @@
 // A textbook Kalman filter that speaks protocol 1 (docs/protocol.md). C++20 and Eigen.
 //
-//     g++ -std=c++20 -O2 -I /usr/include/eigen3 -o filter filter.cpp
-//     kfstab check --exec ./filter
+//     g++ -std=c++20 -O2 -I /usr/include/eigen3 -o textbook textbook.cpp
+//     kfstab check --exec ./textbook
 //
 // Copy it, and put your own filter in the place of `Filter`: the rest is the protocol. (A filter that is a C++ type can be
 // checked without any of it, in its own GoogleTest program: docs/protocol.md.)
