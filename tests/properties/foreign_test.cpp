@@ -8,40 +8,12 @@
 #include <map>
 
 #include <gtest/gtest.h>
-#include <boost/random/mersenne_twister.hpp>
-#include <boost/random/normal_distribution.hpp>
-#include <boost/random/uniform_int_distribution.hpp>
 
 #include <kfstab/properties/check.hpp>
-#include <kfstab/properties/data.hpp>
 #include <kfstab/properties/system_file.hpp>
 
 namespace kfstab::properties::testing {
 namespace {
-
-/// The system with data of any size: y and u in most, missing entries in a third of those.
-System with_data(System system, std::uint64_t seed) {
-  boost::random::mt19937_64 bits(seed);
-  boost::random::normal_distribution<double> normal;
-  const auto one_in = [&](int count) { return boost::random::uniform_int_distribution<int>(1, count)(bits) == 1; };
-  const auto size = [&] { return std::ldexp(1.0, boost::random::uniform_int_distribution<int>(-4, 4)(bits)); };
-  if (system.data || one_in(6)) return system;
-  const Index inputs = one_in(3) ? 2 : one_in(2) ? 1 : 0;
-  const auto draw = [&](Index rows, Index cols, double scale) {
-    Matrix<double> X(rows, cols);
-    for (double& x : X.reshaped()) x = scale * normal(bits);
-    return X;
-  };
-  Matrix<double> y = draw(system.C.rows(), system.steps, size()), u = draw(inputs, system.steps, size());
-  system.D = Sequence(draw(system.A.rows(), inputs, 1));
-  if (one_in(3)) {
-    for (double& entry : y.reshaped())
-      if (one_in(3)) entry = std::numeric_limits<double>::quiet_NaN();
-    if (one_in(2)) y.col(system.steps / 2).setConstant(std::numeric_limits<double>::quiet_NaN());
-  }
-  system.data = std::make_shared<Recorded>(std::move(y), std::move(u));
-  return system;
-}
 
 struct Seen {
   int cases = 0;
@@ -49,7 +21,7 @@ struct Seen {
   std::string system;
 };
 
-/// Every law on random systems with data, and the worst that was found of each.
+/// Every law on random systems, and the worst that was found of each.
 std::map<std::string, Seen> examined(std::unique_ptr<StepwiseFilter> filter, int cases, Options options = {}) {
   const auto tried = subject(std::move(filter));
   options = within(tried->traits(), options);
@@ -58,7 +30,7 @@ std::map<std::string, Seen> examined(std::unique_ptr<StepwiseFilter> filter, int
   Bench bench(*tried, truths);
   std::map<std::string, Seen> seen;
   for (int number = 0; number < cases; ++number) {
-    const System system = with_data(drawn_system(generator, 675, number, cases), static_cast<std::uint64_t>(number));
+    const System system = drawn_system(generator, 675, number, cases);
     bench.forget();
     truths.forget();
     if (refusal(tried->traits(), system)) continue;
