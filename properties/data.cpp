@@ -153,9 +153,11 @@ System with_every_measurement(const System& system) {
       if (!missing(i, k)) continue;
       complete.C.matrices[static_cast<std::size_t>(k)].row(i).setZero();
       Matrix<double>& now = R.matrices[static_cast<std::size_t>(k)];
+      // In its own units, so that Re is as well conditioned as ever; of a variance of 0 nobody knows them.
+      const double own = now(i, i) != 0 ? now(i, i) : 1;
       now.row(i).setZero();
       if (covariance) now.col(i).setZero();
-      now(i, i) = 1;
+      now(i, i) = own;
     }
   // What was written exactly and is overwritten now counts as the double that it is: exact_value sees to that.
   complete.R.value = std::move(R);

@@ -52,9 +52,10 @@ class Simulated final : public Data {
 /// Whether entries of y are missing within the system's steps.
 bool measurements_missing(const System& system);
 
-/// The same system with every measurement there: a missing y_i has a row of 0 in C, a variance of 1 and no correlation in R,
-/// and is 0, which tells as little. So missing measurements are run by filters that know nothing of them; P, K (with columns
-/// of 0) and x are those of the system, each missing entry adds -log(2 pi)/2 to the log-likelihood.
+/// The same system with every measurement there: a missing y_i has a row of 0 in C, a variance v and no correlation in R, and
+/// is 0, which tells as little. v is its own variance (of a root of R the square of its diagonal), or 1 where that is 0. So
+/// missing measurements are run by filters that know nothing of them; P, K (with columns of 0) and x are those of the system,
+/// each missing entry adds -log(2 pi v)/2 to the log-likelihood.
 ///
 /// C and R are lists then, one a step; exact entries stay, but for those of a root of R that has to be multiplied out: one
 /// in which an entry that is there is correlated with a missing one before it. Throws std::invalid_argument where that is

@@ -76,6 +76,13 @@ std::vector<ObservedStep> observe(const Run& run, const Traits& traits, const Ex
     const std::optional<Vector<double>> u_now = given && given->u.size() > 0 ? std::optional(given->u) : std::nullopt;
     const auto& u = late ? u_before : u_now;
 
+    double missing_log_variance = 0;
+    if (written && written->y.hasNaN()) {
+      const Matrix<double> R = now.R.rounded();
+      for (Index i = 0; i < R.rows(); ++i)
+        if (std::isnan(written->y(i))) missing_log_variance += std::log(R(i, i));
+    }
+
     const Precise BQB = dynamics.B * dynamics.Q * dynamics.B.transposed();
     const bool prior_is_before = answers_predicted || !predicts;
     const Precise prior = prior_is_before ? *before : dynamics.A * *before * dynamics.A.transposed() + BQB;
@@ -89,6 +96,7 @@ std::vector<ObservedStep> observe(const Run& run, const Traits& traits, const Ex
                       .R = now.R,
                       .predicts = predicts,
                       .measured = now.C.rows() - (written ? written->y.array().isNaN().count() : 0),
+                      .missing_log_variance = missing_log_variance,
                       .before = *before,
                       .prior = prior,
                       .P = *P,

@@ -77,7 +77,8 @@ struct ObservedStep {
   /// but of step k - 1 for a filter that starts predicted and answers P_{k|k} (it has none at k = 0).
   Precise A, B, C, Q, R;
   bool predicts;   ///< whether the step has a time update: not the first of such a filter
-  Index measured;  ///< how many entries of y there are; a missing one has a row of 0 in C, a variance of 1, and is 0
+  Index measured;  ///< how many entries of y there are; a missing one has a row of 0 in C, a variance of its own, and is 0
+  double missing_log_variance;  ///< the sum of the logarithms of these variances
 
   Precise before;                      ///< P as the step found it: P0, or the answer before
   Precise prior;                       ///< P_{k|k-1}: that, or A P A' + B Q B' of a filter that answers P_{k|k}

@@ -23,7 +23,7 @@ std::optional<Finding> look(const ObservedStep& s) {
   if (!root) return std::nullopt;
   const Precise e = *s.y - s.C * *s.x_prior, z = s.update->Re_inverse * e, quadratic = e.transposed() * z;
   const double squared = s.size.p > 0 ? quadratic.rounded()(0, 0) : 0, p = static_cast<double>(s.measured);
-  const double expected = -(p * std::log(2 * std::numbers::pi) + log_determinant(*root) + squared) / 2;
+  const double expected = -(p * std::log(2 * std::numbers::pi) + log_determinant(*root) - s.missing_log_variance + squared) / 2;
 
   const double c = s.C.norm(), P = s.predicts && !s.answers_predicted() ? std::pow(s.A.norm(), 2) * s.before.norm() +
                                                                               std::pow(s.B.norm(), 2) * s.Q.norm()
