@@ -342,6 +342,11 @@ std::vector<Tolerance> tolerances(Bench& bench, const System& system, const Syst
 
 std::vector<Tolerance> tolerances(Bench& bench, const System& system) { return tolerances(bench, system, system); }
 
+bool small(const System& system) {
+  const Dimensions size = system.dimensions();
+  return std::max({size.n, size.m, size.p}) <= 4;
+}
+
 System counted(const System& system) { return system.data && columns(system).y.hasNaN() ? measured(system) : system; }
 
 bool bits_count(const Traits& traits) { return traits.asymmetry.has_value(); }

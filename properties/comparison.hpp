@@ -65,6 +65,9 @@ struct Values {
 };
 Values values(const Answer& answer);
 
+/// Whether a system is small enough that a course of its own is cheap: n, m, p <= 4.
+bool small(const System& system);
+
 /// How far an answer may be from the truth, absolute, in Frobenius norms, and that for a system whose numbers were rounded
 /// once more on their way:
 ///
