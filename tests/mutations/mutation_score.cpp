@@ -166,7 +166,7 @@ Outcome judge(const Mutation& mutation, int cases) {
     if (!reference.empty()) return {Verdict::reference, reference};
     // The laws see nothing: does it lose digits as the filter does that it claims to be?
     const auto print = experiments::fingerprint(*subject);
-    const auto alike = print.alike();
+    const auto alike = print ? print->alike() : std::vector<const Metadata*>();
     std::string names;
     bool itself = false;
     for (const Metadata* one : alike) {

@@ -142,7 +142,7 @@ class Foreign final : public StepwiseFilter {
     const V e = w.y - w.C * w.x;
     const V z = lu.solve(e);
     w.loglik =
-        -(static_cast<Scalar>(e.size() * std::log(2 * std::numbers::pi)) + std::log(lu.determinant()) + e.dot(z)) / 2;
+        -(static_cast<Scalar>(static_cast<double>(e.size()) * std::log(2 * std::numbers::pi)) + std::log(lu.determinant()) + e.dot(z)) / 2;
     if (update_state)
       update_state(w, e);
     else
