@@ -125,6 +125,57 @@ std::string names(const CheckedSubject& subject, Status wanted) {
   return text;
 }
 
+/// Beside what JSON cannot say, the word for it.
+ordered_json numbers(const std::vector<double>& values) {
+  ordered_json array = ordered_json::array();
+  for (const double value : values) {
+    if (std::isfinite(value))
+      array.push_back(value);
+    else
+      array.push_back(std::isnan(value) ? "nan" : "inf");
+  }
+  return array;
+}
+
+ordered_json slope_json(const Line& line) {
+  if (std::isnan(line.slope)) return nullptr;
+  return {{"slope", line.slope}, {"half_width", number(line.half_width)}, {"points", line.points}};
+}
+
+ordered_json fingerprint_json(const Fingerprint& f) {
+  ordered_json json;
+  json["sentence"] = sentence(f);
+  json["like"] = ordered_json::array();
+  for (const Metadata* one : f.alike()) json["like"].push_back(one->id);
+  json["precision"] = f.precision();
+  json["roundoff"] = number(f.roundoff);
+  json["ordinary_error"] = number(f.ordinary_error);
+  json["answers_floats"] = f.answers_floats;
+  json["steps"] = f.steps;
+  json["ladders"] = ordered_json::array();
+  const auto optional = [](const std::optional<double>& value) {
+    return value ? ordered_json(*value) : ordered_json(nullptr);
+  };
+  for (const Climb& climb : f.climbs)
+    json["ladders"].push_back({{"id", climb.id},
+                               {"difficulty", climb.symbol},
+                               {"at", numbers(climb.at)},
+                               {"P", numbers(climb.P)},
+                               {"K", numbers(climb.K)},
+                               {"P_slope", slope_json(climb.P_slope)},
+                               {"K_slope", slope_json(climb.K_slope)},
+                               {"indefinite_from", optional(climb.indefinite)},
+                               {"breaks_down_at", optional(climb.broken)},
+                               {"refused", climb.refused ? ordered_json(*climb.refused) : ordered_json(nullptr)}});
+  json["asymmetry"] = ordered_json::array();
+  for (const AsymmetryRun& run : f.asymmetries)
+    json["asymmetry"].push_back({{"id", run.id}, {"growth", number(run.growth)}, {"l1_l2", run.product}});
+  json["neighbours"] = ordered_json::array();
+  for (const Neighbour& one : f.neighbours)
+    json["neighbours"].push_back({{"filter", one.filter->id}, {"decades", one.distance}});
+  return json;
+}
+
 ordered_json subject_json(const CheckedSubject& subject) {
   const properties::CheckReport& r = subject.report;
   ordered_json json;
@@ -175,6 +226,7 @@ ordered_json subject_json(const CheckedSubject& subject) {
                                  {"systems", one.systems},
                                  {"sentence", one.sentence()}});
   }
+  json["fingerprint"] = subject.fingerprint ? fingerprint_json(*subject.fingerprint) : ordered_json(nullptr);
   return json;
 }
 
@@ -249,6 +301,7 @@ std::string check_text(const CheckedSubject& subject, bool color) {
   const properties::CheckReport& r = subject.report;
   std::string text = summary(subject) + "\n";
   if (const auto said = refusals(r); !said.empty()) text += "  " + said + "\n";
+  if (subject.fingerprint) text += wrapped(sentence(*subject.fingerprint), 2);
   if (subject.fault)
     text += fmt::format("\n{}{}{}\n", color ? "\033[31m" : "", subject.fault->what, color ? "\033[0m" : "");
 
@@ -360,6 +413,8 @@ std::string check_markdown(const std::vector<CheckedSubject>& subjects) {
     if (const auto said = refusals(subject.report); !said.empty()) text += said + "\n\n";
     if (subject.fault) text += fmt::format("**{}**: {}\n\n", subject.fault->kind, subject.fault->what);
     for (const properties::Diagnosis& one : subject.diagnosis) text += one.sentence() + "\n\n";
+    if (subject.fingerprint)
+      text += fmt::format("{} {}.\n\n", subject.report.subject.name, sentence(*subject.fingerprint));
     reports::Table table{"", {"law", "verdict", "cases", "worst ratio"}, {}, {}};
     using enum reports::Alignment;
     table.alignment = {left, left, right, right};

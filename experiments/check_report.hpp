@@ -6,6 +6,7 @@
 #include <vector>
 
 #include <kfstab/experiments/context.hpp>
+#include <kfstab/experiments/fingerprint.hpp>
 #include <kfstab/properties/diagnosis.hpp>
 
 /// What `check` says: on the terminal, as JSON (schema kfstab.check/1), as JUnit XML and as Markdown.
@@ -26,6 +27,8 @@ struct CheckedSubject {
   std::string selected_by;
   /// What mistake it makes, where laws fail: the best first.
   std::vector<properties::Diagnosis> diagnosis;
+  /// Of what kind it is, if that was asked for and there was time.
+  std::optional<Fingerprint> fingerprint;
   /// The file of each failure's system, in the order of report.laws; empty where it was not written.
   std::vector<std::string> files;
 

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <sstream>
@@ -11,7 +12,9 @@
 
 #include <kfstab/experiments/check_report.hpp>
 #include <kfstab/experiments/commands/commands.hpp>
+#include <kfstab/experiments/fingerprint_page.hpp>
 #include <kfstab/experiments/interruption.hpp>
+#include <kfstab/experiments/output.hpp>
 #include <kfstab/experiments/progress.hpp>
 #include <kfstab/experiments/selection.hpp>
 #include <kfstab/properties/system_file.hpp>
@@ -168,6 +171,9 @@ int check_command(const CheckArguments& arguments) {
   options.interrupted = interrupted;
   const auto expected = expected_failures(arguments.expect);
 
+  std::optional<Output> output;
+  if (!arguments.out.empty()) output.emplace(arguments.out, "check", "", arguments.rendering);
+
   std::vector<CheckedSubject> checked(subjects.size());
   {
     Progress progress("check", static_cast<std::int64_t>(subjects.size()) * options.cases);
@@ -180,8 +186,14 @@ int check_command(const CheckArguments& arguments) {
         one.expected = expected;
         try {
           const auto subject = subjects[i].make();
+          const auto begin = std::chrono::steady_clock::now();
+          const auto no_time_left = [&] {
+            const std::chrono::duration<double> passed = std::chrono::steady_clock::now() - begin;
+            return interrupted() || (options.budget > 0 && passed.count() > options.budget);
+          };
           properties::check(*subject, options, one.report);
           if (one.failed() > 0) one.diagnosis = properties::diagnose(one.report.subject, one.report.runs);
+          if (arguments.fingerprint) one.fingerprint = fingerprint(*subject, no_time_left);
         } catch (const properties::SubjectFault& fault) {
           if (one.report.subject.name.empty()) one.report.subject.name = one.selected_by;
           one.fault = CheckedSubject::Fault{kind_name(fault.kind), fault.what()};
@@ -191,12 +203,22 @@ int check_command(const CheckArguments& arguments) {
   }
   for (CheckedSubject& one : checked) one.files = write_regressions(arguments.regressions, one.report);
 
-  write(arguments.json, check_json(checked, context()));
+  const Context made = context();
+  const std::string json = check_json(checked, made);
+  write(arguments.json, json);
   write(arguments.junit, check_junit(checked));
   write(arguments.markdown, check_markdown(checked));
+  if (output) {
+    std::vector<Fingerprint> fingerprints;
+    for (const CheckedSubject& one : checked)
+      if (one.fingerprint) fingerprints.push_back(*one.fingerprint);
+    output->write(fingerprint_document(fingerprints, made), json);
+  }
   const bool stdout_is_taken = arguments.json == "-" || arguments.junit == "-" || arguments.markdown == "-";
   std::FILE* out = stdout_is_taken ? stderr : stdout;
   const bool color = ::isatty(::fileno(out)) != 0;
+  // Before the verdicts, which have the last line.
+  if (output) fmt::print(out, "Plots, data and the page: {}\n\n", output->report().string());
   int passed = 0, failed = 0;
   for (const CheckedSubject& one : checked) {
     fmt::print(out, "{}{}", &one == &checked.front() ? "" : "\n", check_text(one, color));

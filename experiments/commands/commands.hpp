@@ -98,6 +98,9 @@ struct CheckArguments {
   std::string regressions;  ///< a folder of them: tried first, and where failing systems go
   std::string expect;       ///< a file of laws that are known to fail
   std::string json, junit, markdown;  ///< files; - for stdout
+  bool fingerprint = true;            ///< of what kind each filter is
+  std::string out;                    ///< a folder for the page of the fingerprints; none if empty
+  Rendering rendering;
 };
 int check_command(const CheckArguments& arguments);
 

@@ -231,10 +231,17 @@ int command_line(int argc, char** argv) {
   check_app->add_option("--json", check.json, "the results as JSON into this file; - for stdout")->envname("KFSTAB_JSON")->type_name("FILE");
   check_app->add_option("--junit", check.junit, "the results as JUnit XML into this file; - for stdout")->envname("KFSTAB_JUNIT")->type_name("FILE");
   check_app->add_option("--markdown", check.markdown, "the results as Markdown into this file; - for stdout")->envname("KFSTAB_MARKDOWN")->type_name("FILE");
+  bool with_fingerprint = false;
+  auto* fingerprint_option = check_app->add_flag("--fingerprint,!--no-fingerprint", with_fingerprint,
+      "of what kind the filter is, among those of kfstab; else unless --quick or --replay")->envname("KFSTAB_FINGERPRINT");
+  check_app->add_option("--out", check.out, "folder for the page and the figures of the fingerprint; else none")->envname("KFSTAB_OUT")->type_name("DIR");
+  add_rendering(check_app);
   check_app->callback([&] {
     if (filters_option->count() > 0) check.filters = checked_filters;
     if (quick) check.cases = 50;
     if (thorough) check.cases = 2000;
+    check.fingerprint = fingerprint_option->count() > 0 ? with_fingerprint : !check.out.empty() || (!quick && check.replay.empty());
+    check.rendering = rendering_of(formats, medium);
     exit_code = check_command(check);
   });
 
