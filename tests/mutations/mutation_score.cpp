@@ -75,8 +75,13 @@ std::vector<Mutation> catalogue() {
     if (key != "mutation") throw std::runtime_error("catalogue.toml: unknown key " + key);
     for (const Node& table : *list.list()) {
       Mutation mutation;
-      std::map<std::string, std::string*> fields{{"id", &mutation.id}, {"filter", &mutation.filter}, {"file", &mutation.file}, {"why", &mutation.why},
-                                                 {"old", &mutation.old_text}, {"new", &mutation.new_text}, {"equivalent", &mutation.equivalent}};
+      std::map<std::string, std::string*> fields{{"id", &mutation.id},
+                                                 {"filter", &mutation.filter},
+                                                 {"file", &mutation.file},
+                                                 {"why", &mutation.why},
+                                                 {"old", &mutation.old_text},
+                                                 {"new", &mutation.new_text},
+                                                 {"equivalent", &mutation.equivalent}};
       for (const auto& [field, value] : *table.table()) {
         if (!fields.contains(field)) throw std::runtime_error("catalogue.toml: unknown key " + field);
         *fields.at(field) = *value.text();
@@ -137,10 +142,12 @@ std::optional<std::string> build(const Mutation& mutation, const fs::path& folde
   const Metadata& metadata = *find_filter(mutation.filter);
   const char* scalar = metadata.takes == Parametrisation::covariance ? "double" : "long double";
   const std::string command = fmt::format(
-      "{} -std=c++20 -O0 -w -shared -fPIC -ffp-contract=off -I '{}' -isystem '{}' -I '{}/properties/plugin' -DKFSTAB_HEADER='<kfstab/filters/{}.hpp>' "
-      "-DKFSTAB_CLASS={} -DKFSTAB_SCALAR='{}' -DKFSTAB_ID='\"{}\"' -o '{}' '{}/tests/mutations/plugin.cpp' >'{}/log' 2>&1",
-      KFSTAB_COMPILER, folder.string(), KFSTAB_EIGEN, KFSTAB_SOURCE_DIR, source.header, source.type, scalar, mutation.filter, library.string(),
-      KFSTAB_SOURCE_DIR, folder.string());
+      "{} -std=c++20 -O0 -w -shared -fPIC -ffp-contract=off -I '{}' -isystem '{}' -I '{}/properties/plugin' "
+      "-DKFSTAB_HEADER='<kfstab/filters/{}.hpp>' "
+      "-DKFSTAB_CLASS={} -DKFSTAB_SCALAR='{}' -DKFSTAB_ID='\"{}\"' -o '{}' '{}/tests/mutations/plugin.cpp' >'{}/log' "
+      "2>&1",
+      KFSTAB_COMPILER, folder.string(), KFSTAB_EIGEN, KFSTAB_SOURCE_DIR, source.header, source.type, scalar,
+      mutation.filter, library.string(), KFSTAB_SOURCE_DIR, folder.string());
   if (run(command) != 0) return read(folder / "log").substr(0, 2000);
   return std::nullopt;
 }
@@ -189,10 +196,14 @@ int main(int argc, char** argv) {
   unsigned jobs = std::max(1u, std::thread::hardware_concurrency());
   for (int i = 1; i + 1 < argc; i += 2) {
     const std::string_view option = argv[i];
-    if (option == "--only") only = argv[i + 1];
-    else if (option == "--cases") cases = std::atoi(argv[i + 1]);
-    else if (option == "--markdown") markdown = argv[i + 1];
-    else if (option == "--jobs") jobs = static_cast<unsigned>(std::max(1, std::atoi(argv[i + 1])));
+    if (option == "--only")
+      only = argv[i + 1];
+    else if (option == "--cases")
+      cases = std::atoi(argv[i + 1]);
+    else if (option == "--markdown")
+      markdown = argv[i + 1];
+    else if (option == "--jobs")
+      jobs = static_cast<unsigned>(std::max(1, std::atoi(argv[i + 1])));
     else {
       fmt::print(stderr, "usage: {} [--only REGEX] [--cases N] [--markdown FILE] [--jobs N]\n", argv[0]);
       return 2;
@@ -232,11 +243,16 @@ int main(int argc, char** argv) {
     ++count[outcome.verdict];
     const bool missed = outcome.verdict == Verdict::survived || outcome.verdict == Verdict::build_error;
     wrong += missed && mutation.equivalent.empty();
-    table.rows.push_back({mutation.id, mutation.filter, mutation.why, name(outcome.verdict), missed && !mutation.equivalent.empty() ? mutation.equivalent : outcome.by});
+    table.rows.push_back({mutation.id, mutation.filter, mutation.why, name(outcome.verdict),
+                          missed && !mutation.equivalent.empty() ? mutation.equivalent : outcome.by});
   }
   std::string summary;
-  for (const auto& [verdict, number] : count) summary += fmt::format("{}{} {}", summary.empty() ? "" : ", ", number, name(verdict));
-  fmt::print("{} mutations: {}\n{} passed, {} failed\n", selected.size(), summary, static_cast<int>(selected.size()) - wrong, wrong);
-  if (!markdown.empty()) reports::write_file(markdown, fmt::format("{} mutations: {}.\n\n{}", selected.size(), summary, reports::render_markdown(table)));
+  for (const auto& [verdict, number] : count)
+    summary += fmt::format("{}{} {}", summary.empty() ? "" : ", ", number, name(verdict));
+  fmt::print("{} mutations: {}\n{} passed, {} failed\n", selected.size(), summary,
+             static_cast<int>(selected.size()) - wrong, wrong);
+  if (!markdown.empty())
+    reports::write_file(
+        markdown, fmt::format("{} mutations: {}.\n\n{}", selected.size(), summary, reports::render_markdown(table)));
   return wrong == 0 ? 0 : 1;
 }

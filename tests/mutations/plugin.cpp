@@ -19,7 +19,11 @@ using Scalar = Filter::Scalar;
 using Model = Filter::Model;
 constexpr Parametrisation takes = Model::parametrisation;
 constexpr bool information = takes == Parametrisation::information;
-constexpr bool answers_filter_gain = requires(Filter f) { f.filter_gain(); } && !requires(Filter f) { f.predictor_gain(); };
+template <class F>
+constexpr bool has_predictor_gain = requires(F f) {
+  f.predictor_gain();
+};
+constexpr bool answers_filter_gain = !has_predictor_gain<Filter>;
 
 Matrix<Scalar> matrix(const double* entries, Index rows, Index cols) {
   Matrix<Scalar> X(rows, cols);
@@ -95,9 +99,11 @@ struct Instance {
 };
 
 /// The numbers of a step in the filter's parametrisation.
-std::optional<Model> model_of(const kfstab_filter_input& in) {
-  Model model;
-  const Matrix<Scalar> A = matrix(in.A, in.n, in.n), B = matrix(in.B, in.n, in.m), Q = matrix(in.Q, in.m, in.m), R = matrix(in.R, in.p, in.p);
+template <class M>
+std::optional<M> model_of(const kfstab_filter_input& in) {
+  M model;
+  const Matrix<Scalar> A = matrix(in.A, in.n, in.n), B = matrix(in.B, in.n, in.m), Q = matrix(in.Q, in.m, in.m),
+                       R = matrix(in.R, in.p, in.p);
   model.C = matrix(in.C, in.p, in.n);
   model.D = in.D ? matrix(in.D, in.n, in.inputs) : Matrix<Scalar>(in.n, 0);
   if constexpr (takes == Parametrisation::covariance) {
@@ -123,18 +129,22 @@ void store(const X& from, double* to) {
 }
 
 /// What the filter holds, as P or as a root of it.
-void answer_held(const Filter& filter, kfstab_filter_answer& answer) {
+template <class F>
+void answer_held(const F& filter, kfstab_filter_answer& answer) {
   if constexpr (requires { filter.covariance(); }) {
     store(filter.covariance(), answer.P);
   } else if constexpr (requires { filter.information(); }) {
     const auto root = information_root(filter.information());  // T'T = Y^{-1} = P
-    if (root) store(Matrix<Scalar>(root->transpose()), answer.S);
-    else std::fill(answer.S, answer.S + filter.information().size(), std::nan(""));
+    if (root)
+      store(Matrix<Scalar>(root->transpose()), answer.S);
+    else
+      std::fill(answer.S, answer.S + filter.information().size(), std::nan(""));
     answer.has_S = 1;
   } else {
     if constexpr (requires { filter.factor(); }) store(filter.factor(), answer.S);
     if constexpr (requires { filter.covariance_root(); }) store(filter.covariance_root(), answer.S);
-    if constexpr (requires { filter.information_factor(); }) store(inverse_upper(filter.information_factor()), answer.S);
+    if constexpr (requires { filter.information_factor(); })
+      store(inverse_upper(filter.information_factor()), answer.S);
     if constexpr (requires { filter.ud_factors(); }) {
       Matrix<Scalar> S = filter.ud_factors();
       for (Index j = 0; j < S.cols(); ++j) {
@@ -148,6 +158,35 @@ void answer_held(const Filter& filter, kfstab_filter_answer& answer) {
   }
 }
 
+template <class F>
+int advance(F& f, const kfstab_filter_input& in, kfstab_filter_answer& answer) {
+  const auto model = model_of<typename F::Model>(in);
+  if (!model) {
+    answer.why = "a matrix is not positive definite, or A is singular";
+    return 1;
+  }
+  const Vector<Scalar> y = in.y ? vector(in.y, in.p) : Vector<Scalar>::Zero(in.p);
+  const Vector<Scalar> u = in.u ? vector(in.u, in.inputs) : Vector<Scalar>();
+  const Vector<Scalar>* input = in.u ? &u : nullptr;
+  StepReport<Scalar> report;
+  if constexpr (information)
+    report = f.step(*model, *model, &y, input);
+  else
+    report = f.step(*model, &y, input);
+  if (!report) {
+    answer.why = name(report.status);
+    return 1;
+  }
+  store(f.state(), answer.x);
+  answer_held(f, answer);
+  if constexpr (has_predictor_gain<F>)
+    store(f.predictor_gain(), answer.K);
+  else
+    store(f.filter_gain(), answer.K);
+  answer.has_K = 1;
+  return 0;
+}
+
 }  // namespace
 
 extern "C" {
@@ -158,8 +197,8 @@ const kfstab_filter_description* kfstab_filter_describe() {
   static const kfstab_filter_description description{
       KFSTAB_ID, information ? "predict-update" : "update-predict", answers_filter_gain ? "filter" : "predictor",
       takes == Parametrisation::covariance ? "measurement-every-step"
-      : information                        ? "measurement-every-step invertible-A positive-definite-Q positive-definite-R positive-definite-P0"
-                                           : "measurement-every-step positive-definite-Q positive-definite-R positive-definite-P0",
+      : information ? "measurement-every-step invertible-A positive-definite-Q positive-definite-R positive-definite-P0"
+                    : "measurement-every-step positive-definite-Q positive-definite-R positive-definite-P0",
       nullptr};
   return &description;
 }
@@ -180,29 +219,7 @@ void* kfstab_filter_create(int n, int m, int p, const double* x, const double* P
 }
 
 int kfstab_filter_step(void* filter, const kfstab_filter_input* in, kfstab_filter_answer* answer) {
-  Filter& f = static_cast<Instance*>(filter)->filter;
-  const auto model = model_of(*in);
-  if (!model) {
-    answer->why = "a matrix is not positive definite, or A is singular";
-    return 1;
-  }
-  const Vector<Scalar> y = in->y ? vector(in->y, in->p) : Vector<Scalar>::Zero(in->p);
-  const Vector<Scalar> u = in->u ? vector(in->u, in->inputs) : Vector<Scalar>();
-  const Vector<Scalar>* input = in->u ? &u : nullptr;
-  const auto report = [&] {
-    if constexpr (information) return f.step(*model, *model, &y, input);
-    else return f.step(*model, &y, input);
-  }();
-  if (!report) {
-    answer->why = name(report.status);
-    return 1;
-  }
-  store(f.state(), answer->x);
-  answer_held(f, *answer);
-  if constexpr (answers_filter_gain) store(f.filter_gain(), answer->K);
-  else store(f.predictor_gain(), answer->K);
-  answer->has_K = 1;
-  return 0;
+  return advance(static_cast<Instance*>(filter)->filter, *in, *answer);
 }
 
 void kfstab_filter_destroy(void* filter) { delete static_cast<Instance*>(filter); }
