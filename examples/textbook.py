@@ -41,13 +41,11 @@ def solve(M, X):
         if rows[pivot][k] == 0:
             raise ArithmeticError("the innovations covariance is singular")
         rows[k], rows[pivot] = rows[pivot], rows[k]
-        for i in range(k + 1, size):
-            factor = rows[i][k] / rows[k][k]
-            rows[i] = [a - factor * b for a, b in zip(rows[i], rows[k])]
-    for k in reversed(range(size)):
-        for i in range(k + 1, size):
-            rows[k] = [a - rows[k][i] * b for a, b in zip(rows[k], rows[i])]
-        rows[k] = [a / (rows[k][k] if j >= size else 1) for j, a in enumerate(rows[k])]
+        rows[k] = [a / rows[k][k] for a in rows[k]]
+        for i in range(size):
+            if i != k:
+                factor = rows[i][k]
+                rows[i] = [a - factor * b for a, b in zip(rows[i], rows[k])]
     return [row[size:] for row in rows]
 
 
@@ -89,10 +87,19 @@ class Filter:
 # ---- Protocol 1: a request a line, a line in reply, flushed ----
 
 
-def finite(value):
-    """Numbers that are not finite come as words, and go as words."""
+def numbers(value):
+    """Numbers that are not finite come as words: "nan", "inf", "-inf"."""
     if isinstance(value, list):
-        return [finite(entry) for entry in value]
+        return [numbers(entry) for entry in value]
+    return float(value)
+
+
+def words(value):
+    """And go as words."""
+    if isinstance(value, dict):
+        return {name: words(entry) for name, entry in value.items()}
+    if isinstance(value, list):
+        return [words(entry) for entry in value]
     if isinstance(value, float) and (value != value or value in (float("inf"), float("-inf"))):
         return str(value)
     return value
@@ -107,17 +114,17 @@ def main():
         if op == "hello":
             reply = Filter.traits
         elif op == "start":
-            filter = Filter(request["x"], request["P"])
+            filter = Filter(numbers(request["x"]), numbers(request["P"]))
             reply = {"ok": True}
         else:
             try:
-                K = filter.step(**request)
+                K = filter.step(**{name: numbers(value) for name, value in request.items()})
                 reply = {"x": [row[0] for row in filter.x], "P": filter.P}
                 if K is not None:
                     reply["K"] = K
             except ArithmeticError as why:
                 reply = {"error": str(why)}
-        print(json.dumps(finite(reply)), flush=True)
+        print(json.dumps(words(reply)), flush=True)
 
 
 main()

@@ -59,7 +59,13 @@ class Check {
   }
 
   std::optional<Finding> finding(const Law& law, const System& system) {
-    auto found = law.examine(bench_, system);
+    std::optional<Finding> found;
+    try {
+      found = law.examine(bench_, system);
+    } catch (const SubjectFault& fault) {
+      if (!law.hostile) throw;
+      found = Finding{std::numeric_limits<double>::infinity(), -1, fault.what()};
+    }
     if (found && std::isnan(found->ratio)) found->ratio = std::numeric_limits<double>::infinity();
     return found;
   }

@@ -33,6 +33,8 @@ struct Law {
   std::string_view failure;    ///< what a failure means, and where to look
   /// Whether it asks what was true (the certified reference), or is content with the subject's own answers.
   bool reference = false;
+  /// Whether it sends what is no system: a filter that dies of it breaks this law, and the check goes on.
+  bool hostile = false;
   /// Nothing where the law does not apply to the system or to what the subject answers.
   std::optional<Finding> (*examine)(Bench& bench, const System& system);
 };

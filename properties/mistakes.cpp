@@ -454,6 +454,16 @@ void keep_measured(PlainFilter& f) {
   f.y = y;
 }
 
+/// A gain of the entries of y that are there, with a column of 0 for each that is missing; as it is without data.
+M with_all_columns(const M& K, const StepData* data) {
+  if (!data || K.cols() == data->y.size()) return K;
+  M all = M::Zero(K.rows(), data->y.size());
+  Index next = 0;
+  for (Index j = 0; j < all.cols() && next < K.cols(); ++j)
+    if (!std::isnan(data->y(j))) all.col(j) = K.col(next++);
+  return all;
+}
+
 /// The plain filter's lines, with the mistakes at their moments.
 class Reenactment {
  public:
@@ -513,7 +523,7 @@ class Reenactment {
       if (!at(Moment::answered)) return std::nullopt;
       Answer answer;
       answer.held = f_.P;
-      if (traits_.gain && f_.measured) answer.gain = f_.K;
+      if (traits_.gain && f_.measured) answer.gain = with_all_columns(f_.K, data);
       if (with_data_) answer.state = f_.x;
       answers.push_back(std::move(answer));
       f_.P = held;

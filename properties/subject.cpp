@@ -100,6 +100,15 @@ struct Measured {
   }
 };
 
+/// A gain of the entries of y that are there, with a column of 0 for each that is missing.
+Matrix<double> with_all_columns(const Matrix<double>& K, const Vector<double>& y) {
+  Matrix<double> all = Matrix<double>::Zero(K.rows(), y.size());
+  Index next = 0;
+  for (Index j = 0; j < y.size(); ++j)
+    if (!std::isnan(y(j))) all.col(j) = K.col(next++);
+  return all;
+}
+
 std::string shape(const char* what, Index rows, Index cols, Index expected_rows, Index expected_cols) {
   return fmt::format("{} is {} x {}, expected {} x {}", what, rows, cols, expected_rows, expected_cols);
 }
@@ -165,8 +174,10 @@ class SteppedSubject final : public Subject {
       return checked(filter_->step({model.A, model.B, model.C, model.Q, model.R, D, u, none ? nullptr : &y}),
                      model.A.rows(), model.C.rows(), none);
     const Measured measured(model.C, model.R, y);
-    return checked(filter_->step({model.A, model.B, measured.C, model.Q, measured.R, D, u, &measured.y}),
-                   model.A.rows(), measured.C.rows(), false);
+    auto answer = checked(filter_->step({model.A, model.B, measured.C, model.Q, measured.R, D, u, &measured.y}),
+                          model.A.rows(), measured.C.rows(), false);
+    if (auto* given = std::get_if<Answer>(&answer); given && given->gain) given->gain = with_all_columns(*given->gain, y);
+    return answer;
   }
 
   std::variant<Answer, Ending> checked(std::variant<Answer, Ending> stepped, Index n, Index p,

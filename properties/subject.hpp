@@ -48,7 +48,7 @@ struct Traits {
 struct Answer {
   Held holds = Held::covariance;       ///< what `held` is: P; S, square and full or lower, P = SS' ...
   Matrix<double> held;                 ///< 0 x 0 from a filter that holds nothing of P (Held::gain)
-  std::optional<Matrix<double>> gain;  ///< n x p: Traits::gain
+  std::optional<Matrix<double>> gain;  ///< n x p: Traits::gain; a column of 0 for an entry of y that is missing
   std::optional<Vector<double>> state;
   std::optional<double> log_likelihood;
 };

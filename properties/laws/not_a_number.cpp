@@ -37,6 +37,7 @@ Law not_a_number() {
       .failure =
           "Numbers that are not finite are passed over: by comparisons that a NaN makes false, by a skipped update, by "
           "a maximum or minimum that drops a NaN.",
+      .hostile = true,
       .examine = examine};
 }
 

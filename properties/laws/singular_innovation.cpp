@@ -51,7 +51,8 @@ Law singular_innovation() {
           .tolerance =
               "a P is the one of no measurement if |P+ - P| <= 30 u (n+m+p) |P| although c P c' >= 2^-10 |c|^2 |P|",
           .failure = "Where Re cannot be factored the update is skipped in silence.",
-          .examine = examine};
+          .hostile = true,
+      .examine = examine};
 }
 
 }  // namespace kfstab::properties::laws
