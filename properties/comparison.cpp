@@ -205,6 +205,8 @@ Answer in_units(const Answer& answer, const Units& units) {
   // Of an answer in which the gain's columns are not the measurements (some are missing) nothing can be said.
   if (answer.gain && (e.empty() || answer.gain->cols() == static_cast<Index>(e.size())))
     other.gain = scaled(*answer.gain, d, 1, e, -1);
+  else
+    other.gain.reset();
   if (answer.state) other.state = data_factor(units) * scaled(*answer.state, d, 1, {}, 0);
   return other;
 }
