@@ -23,9 +23,10 @@ constexpr std::size_t most_named = 3;
 
 double digits_between(const Matrix<double>& X, const Matrix<double>& Y) {
   if (X.rows() != Y.rows() || X.cols() != Y.cols()) return 0;
-  if (!X.allFinite() || !Y.allFinite()) return 0;
-  const double size = std::max(X.norm(), Y.norm()), difference = (X - Y).norm();
-  if (difference == 0) return 16;
+  // Beyond the range of double there is nothing to compare but that both are there.
+  if (!X.allFinite() || !Y.allFinite()) return X.allFinite() == Y.allFinite() ? 16 : 0;
+  const double size = std::max(X.stableNorm(), Y.stableNorm()), difference = (X - Y).stableNorm();
+  if (difference == 0 || !std::isfinite(size)) return 16;
   return std::clamp(-std::log10(difference / size), 0.0, 16.0);
 }
 

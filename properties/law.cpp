@@ -115,6 +115,7 @@ std::vector<ObservedStep> observe(const Run& run, const Traits& traits, const Ex
     if (given && x_before && answer.state) {
       seen.x_before = x_before;
       seen.Du = u ? dynamics.D * column(*u) : Precise(Matrix<double>(Matrix<double>::Zero(now.A.rows(), 1)));
+      seen.Du_terms = u ? dynamics.D.norm() * u->norm() : 0;
       seen.x_prior = prior_is_before ? *x_before : dynamics.A * *x_before + *seen.Du;
       seen.x = column(*answer.state);
       seen.y = column(given->y);
@@ -259,7 +260,7 @@ InformationLoss information_loss(const ObservedStep& s) {
   if (!s.information) lost.reported = k_before * s.before.norm();
   if (s.x) {
     // T+ x+ = xi, and what xi is made of
-    const double x = s.x_before->norm() + (s.predicts ? A_inverse_norm * s.Du->norm() : 0);
+    const double x = s.x_before->norm() + (s.predicts ? A_inverse_norm * s.Du_terms : 0);
     const double xi = std::sqrt(formed) * s.x->norm() + std::sqrt(before) * x + std::sqrt(lost.R_inverse) * s.y->norm();
     const double reported = std::sqrt(k_before) * s.x_before->norm() * (s.predicts ? s.A.norm() : 1);
     lost.state = squared ? bracket * bracket * lost.P * std::sqrt(formed) * xi + std::sqrt(k_before) * reported
@@ -322,7 +323,7 @@ void ObservedStep::complete() {
   amplified.first_order = largest_ratio * rounding() * condition <= 0.5 && D * kappa <= std::ldexp(before.norm(), -30);
 
   if (!x) return;
-  const double z = x_prior->norm(), e = (*y - C * *x_prior).norm(), moved_x = a * x_before->norm() + Du->norm();
+  const double z = x_prior->norm(), e = (*y - C * *x_prior).norm(), moved_x = a * x_before->norm() + Du_terms;
   const double seen = predicts && !answers_predicted() ? moved_x : z;  // what x_{k|k-1} is made of
   // Forms that hold a root may whiten the measurements, by R^{-1/2}.
   const double whitening = holds_root(subject.holds) && measured > 0 ? std::sqrt(R.condition()) : 1;

@@ -91,6 +91,7 @@ struct ObservedStep {
 
   /// Of a run with data: x as the step found it, x_{k|k-1}, the answer, y_k; n x 1 and p x 1. Du: D u, of the time update.
   std::optional<Precise> x_before, x_prior, x, y, Du;
+  double Du_terms = 0;  ///< |D| |u|: how large the terms of D u are, which may cancel
   std::optional<double> log_likelihood;  ///< as answered
 
   /// What the measurement makes of the prior; nothing if Re is not positive definite.
@@ -136,7 +137,7 @@ struct ObservedStep {
   /// |A|^2 |P| + |B|^2 |Q| (|Kf| and |P| for a filter gain): residual over Re, theory 2; and |P| (n^{1/2} |Y| |Kf| + |C|
   /// |R^{-1}|) of an information filter, to which the error of its P_{k|k} adds.
   double gain_amplification() const { return amplified.gain; }
-  /// The same of the state: |A x| + |K| (|y| + |C| |x|) + |Du|, what rounding does to the terms, times the condition of its
+  /// The same of the state: |A x| + |K| (|y| + |C| |x|) + |D| |u|, what rounding does to the terms, times the condition of its
   /// solution for x of a form that has P^{-1}, and the gain's error times the innovation.
   double state_amplification() const { return amplified.state; }
   /// By how much an asymmetry D of P changes the step, whatever the coding, to first order: theory (3.6), all terms of which

@@ -29,7 +29,7 @@ std::optional<Finding> look(const ObservedStep& s) {
                                                                               std::pow(s.B.norm(), 2) * s.Q.norm()
                                                                         : s.before.norm();
   const double x =
-      s.predicts && !s.answers_predicted() ? s.A.norm() * s.x_before->norm() + s.Du->norm() : s.x_prior->norm();
+      s.predicts && !s.answers_predicted() ? s.A.norm() * s.x_before->norm() + s.Du_terms : s.x_prior->norm();
   const double scale = p * s.innovation_condition() + std::pow(z.norm(), 2) * (s.R.norm() + c * c * P) +
                        z.norm() * (s.y->norm() + c * x) + std::abs(expected) + p;
   const double error = std::abs(*s.log_likelihood - expected);

@@ -133,8 +133,7 @@ class Foreign final : public StepwiseFilter {
   void update() {
     Work& w = work_;
     w.Kf = M::Zero(w.A.rows(), w.C.rows());
-    if (!w.measured && style_.state && w.C.rows() > 0) return;
-    if (w.C.rows() == 0) return;
+    if (!w.measured || w.C.rows() == 0) return;
     const M Re = w.R + w.C * w.P * w.C.transpose();
     const Eigen::PartialPivLU<M> lu(M(Re.transpose()));
     w.Kf = lu.solve(M((w.P * w.C.transpose()).transpose())).transpose();
