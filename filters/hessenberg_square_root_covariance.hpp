@@ -40,7 +40,8 @@ class HessenbergSquareRootCovarianceFilter {
         U_(d.n, d.n), A_(d.n, d.n), S_(d.n, d.n), next_(d.n, d.n), factor_(d.n, d.n), BQ_(d.n, d.m), C_(d.p, d.n),
         CS_(d.p, d.n), BQ_AS_(d.n, d.m + d.n), Re_root_(d.p, d.p), next_Re_root_(d.p, d.p), G_(d.n, d.p),
         gain_(d.n, d.p), next_gain_(d.n, d.p), tau_(std::max(d.n, d.p)), x_(d.n), next_x_(d.n), innovation_(d.p),
-        work_(d.p), sign_(d.p) {
+        work_(d.p), sign_(d.p),
+        kernel_work_(kernels::work_size<S>(d.n, d.m, d.p)) {
     system_.A.resize(d.n, d.n);
     system_.B.resize(d.n, d.m);
     system_.C.resize(d.p, d.n);
@@ -48,8 +49,10 @@ class HessenbergSquareRootCovarianceFilter {
     system_.R_root.resize(d.p, d.p);
     U_.setIdentity();
     S_.setZero();
+    next_.setZero();  // kernels write the lower triangles alone
     factor_.setZero();
     Re_root_.setZero();
+    next_Re_root_.setZero();
     gain_.setZero();
     x_.setZero();
   }
@@ -72,23 +75,29 @@ class HessenbergSquareRootCovarianceFilter {
   /// @param u  as many as D has columns, or null for none
   /// Statuses: time_varying_model (its numbers are not those of the first step), singular_innovation (of Re^{1/2}),
   /// non_finite_input, overflow.
-  StepReport<S> step(const Model& model, const Output* y = nullptr, const Input* u = nullptr) {
+  StepReport<S> step(const Model& model, const Output* y = nullptr, const Input* u = nullptr,
+                     Wanted wanted = Wanted::all) {
     if (reduced_ && !model.same_system(system_)) return failed(Status::time_varying_model, S(0), model, y, u);
     if (!reduced_ && !reduce(model)) return failed(Status::overflow, S(0), model, y, u);
+    if (wanted == Wanted::factor) y = nullptr;
 
-    const Index n = S_.rows(), m = BQ_.cols();
-    auto AS = BQ_AS_.rightCols(n);
-    BQ_AS_.leftCols(m) = BQ_;
-    multiply_hessenberg_lower(band_, A_, S_, AS);
-    multiply_hessenberg_lower(0, C_, S_, CS_);
-    copy_lower(model.R_root, next_Re_root_);
-    structured_lq(Shape::trapezoidal, next_Re_root_, CS_, AS, G_, tau_);
-    const auto report = divide_by_innovation_root(next_Re_root_, tolerance_, G_, work_, sign_);
+    const bool by_kernel = array_by_kernel(model, wanted);
+    if (!by_kernel) {
+      auto AS = BQ_AS_.rightCols(S_.rows());
+      BQ_AS_.leftCols(BQ_.cols()) = BQ_;
+      multiply_hessenberg_lower(band_, A_, S_, AS);
+      multiply_hessenberg_lower(0, C_, S_, CS_);
+      copy_lower(model.R_root, next_Re_root_);
+      structured_lq(Shape::trapezoidal, next_Re_root_, CS_, AS, G_, tau_);
+    }
+    const auto report =
+        divide_by_innovation_root(next_Re_root_, wanted, tolerance_, by_kernel, G_, work_, sign_);
     if (!report) return failed(report.status, report.rcond, model, y, u);
-    hessenberg_lq(m + band_, BQ_AS_, tau_);
-    copy_lower(BQ_AS_, next_);
-
-    multiply_transposed(U_, G_, next_gain_);
+    if (!by_kernel) {
+      hessenberg_lq(BQ_.cols() + band_, BQ_AS_, tau_);
+      copy_lower(BQ_AS_, next_);
+      if (wanted != Wanted::factor) multiply_transposed(U_, G_, next_gain_);
+    }
     if (y) {
       innovation_ = *y;
       innovation_.noalias() -= model.C.lazyProduct(x_);
@@ -96,11 +105,12 @@ class HessenbergSquareRootCovarianceFilter {
       next_x_.noalias() += next_gain_.lazyProduct(innovation_);
       if (u) next_x_.noalias() += model.D.lazyProduct(*u);
     }
-    if (!all_finite(next_) || !all_finite(next_gain_) || (y && !all_finite(next_x_)))
+    if (!by_kernel && (!all_finite(next_) || (wanted != Wanted::factor && !all_finite(next_gain_))))
       return failed(Status::overflow, report.rcond, model, y, u);
+    if (y && !all_finite(next_x_)) return failed(Status::overflow, report.rcond, model, y, u);
     S_.swap(next_);
     has_factor_ = false;
-    gain_.swap(next_gain_);
+    if (wanted != Wanted::factor) gain_.swap(next_gain_);
     Re_root_.swap(next_Re_root_);
     if (y) x_.swap(next_x_);
     return report;
@@ -129,6 +139,21 @@ class HessenbergSquareRootCovarianceFilter {
 
  private:
   static constexpr int columns = N == Dynamic || M == Dynamic ? Dynamic : N + M;
+
+  /// All of the array of a step, and the gain if it is wanted, in the coordinates of the model; false if there are no kernels,
+  /// or they gave up.
+  bool array_by_kernel([[maybe_unused]] const Model& model, [[maybe_unused]] Wanted wanted) {
+    if constexpr (kernels::exist<S>) {
+      using kernels::source, kernels::target;
+      return kernels::run({.n = S_.rows(), .m = BQ_.cols(), .p = next_Re_root_.rows(), .A_band = band_, .C_band = 0,
+                           .A = source(A_), .B = source(BQ_), .C = source(C_), .S = source(S_),
+                           .R = source(model.R_root), .U = source(U_), .S_next = target(next_),
+                           .Re = target(next_Re_root_),
+                           .K = wanted == Wanted::factor ? kernels::Target{} : target(next_gain_),
+                           .work = kernel_work_.data()});
+    }
+    return false;
+  }
 
   /// Condenses the model and brings S into its coordinates; false, and nothing is kept, if the result is not finite.
   bool reduce(const Model& model) {
@@ -169,6 +194,7 @@ class HessenbergSquareRootCovarianceFilter {
   Vector<S> tau_;
   Vector<S, N> x_, next_x_;
   Vector<S, P> innovation_, work_, sign_;
+  Vector<S> kernel_work_;
 };
 
 }  // namespace kfstab

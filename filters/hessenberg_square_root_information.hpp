@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <limits>
 
 #include <kfstab/filters/condensed.hpp>
 #include <kfstab/filters/products.hpp>
@@ -41,7 +42,8 @@ class HessenbergSquareRootInformationFilter {
         U_(d.n, d.n), F_(d.n, d.n), T_(d.n, d.n), next_(d.n, d.n), factor_(d.n, d.n), H_(d.n, d.m), TH_(d.n, d.m),
         over_(d.m, d.n), Qe_root_(d.m, d.m), C_weighted_(d.p, d.n), CR_TF_(d.p + d.n, d.n), gain_(d.n, d.p),
         condensed_gain_(d.n, d.p), next_gain_(d.n, d.p), right_(d.p + d.n), z_(d.m), w_(d.m), tau_(d.m), x_(d.n),
-        next_x_(d.n), moved_(d.n), e_(d.p), work_(d.n), sign_(d.n) {
+        next_x_(d.n), moved_(d.n), e_(d.p), work_(d.n), sign_(d.n), weighted_y_(d.p),
+        kernel_work_(kernels::work_size<S>(d.n, d.p, d.m)) {
     system_.A_inverse.resize(d.n, d.n);
     system_.A_inverse_B.resize(d.n, d.m);
     system_.C.resize(d.p, d.n);
@@ -49,6 +51,7 @@ class HessenbergSquareRootInformationFilter {
     system_.R_inverse_root.resize(d.p, d.p);
     U_.setIdentity();
     T_.setZero();
+    next_.setZero();  // kernels write the upper triangle alone
     factor_.setZero();
     gain_.setZero();
     x_.setZero();
@@ -73,11 +76,27 @@ class HessenbergSquareRootInformationFilter {
   /// @param model  of step k: D and the mean of w    @param next  of step k+1; all other numbers are those of model
   /// @param y  y_{k+1} (p), or null: no state is computed, and x stays what it was
   /// @param u  u_k, as many as D has columns, or null for none
+  /// @param wanted  without Wanted::gain there is a state all the same, if there is y
   /// Statuses: time_varying_model (its numbers, or those of next, are not those of the first step),
   /// singular_information (of T+), non_finite_input, overflow.
-  StepReport<S> step(const Model& model, const Model& next, const Output* y = nullptr, const Input* u = nullptr) {
+  StepReport<S> step(const Model& model, const Model& next, const Output* y = nullptr, const Input* u = nullptr,
+                     Wanted wanted = Wanted::all) {
     const Status status = recognise(model, next);
     if (status != Status::ok) return blame(status, S(0), model, next, y, u);
+    if (y) {
+      moved_ = x_;
+      if (u) {
+        work_.noalias() = model.D.lazyProduct(*u);
+        moved_.noalias() += model.A_inverse.lazyProduct(work_);
+      }
+      z_.setZero();
+      if (model.w_mean.size() > 0) {
+        w_ = -model.w_mean;
+        multiply_upper(model.Q_inverse_root, w_, z_);
+      }
+      multiply_upper(next.R_inverse_root, *y, weighted_y_);
+    }
+    if (array_by_kernel(model, y != nullptr)) return finish(model, next, y, u, wanted);
 
     const Index n = T_.rows(), m = H_.cols();
     auto TF = CR_TF_.bottomRows(n);
@@ -86,20 +105,11 @@ class HessenbergSquareRootInformationFilter {
     copy_upper(model.Q_inverse_root, Qe_root_);
     structured_qr(Shape::trapezoidal, Qe_root_, TH_, TF, over_, tau_);
     if (y) {
-      moved_ = x_;
-      if (u) {
-        work_.noalias() = model.D.lazyProduct(*u);
-        moved_.noalias() += model.A_inverse.lazyProduct(work_);
-      }
       auto xi = transformed(moved_);
-      z_.setZero();
-      if (model.w_mean.size() > 0) {
-        w_ = -model.w_mean;
-        multiply_upper(model.Q_inverse_root, w_, z_);
-      }
       for (Index j = 0; j < m; ++j) apply_reflector(S(tau_(j)), TH_, j, std::min(j + 1, n), z_(j), xi);
     }
-    return finish(band_, model, next, y, u);
+    triangularise(band_, y != nullptr);
+    return finish(model, next, y, u, wanted);
   }
 
   /// The measurement update alone: from k|k-1 to k|k. It starts a run from P_{0|-1}.
@@ -110,8 +120,12 @@ class HessenbergSquareRootInformationFilter {
     const Index n = T_.rows(), p = e_.size();
     for (Index j = 0; j < n; ++j)
       for (Index i = 0; i <= j; ++i) CR_TF_(p + i, j) = T_(i, j);
-    if (y) transformed(x_);
-    return finish(0, model, model, y, u);
+    if (y) {
+      transformed(x_);
+      multiply_upper(model.R_inverse_root, *y, weighted_y_);
+    }
+    triangularise(0, y != nullptr);
+    return finish(model, model, y, u, Wanted::all);
   }
 
   /// T, n x n, zero below the diagonal, T'T = P_{k|k}^{-1}: the QR factor of condensed_factor() U, made when it
@@ -190,33 +204,69 @@ class HessenbergSquareRootInformationFilter {
     return xi;
   }
 
-  /// The measurement's part of the array, whose lower part has `band` subdiagonals, and the step's end.
-  StepReport<S> finish(Index band, const Model& model, const Model& next, const Output* y, const Input* u) {
-    const Index n = T_.rows(), p = e_.size();
+  /// All of the array of a step, its right-hand side if there is a state; false if there are no kernels, or they gave up.
+  bool array_by_kernel([[maybe_unused]] const Model& model, [[maybe_unused]] bool has_state) {
+    if constexpr (kernels::exist<S>) {
+      using kernels::source, kernels::target;
+      const Index n = T_.rows();
+      kernels::ArrayStep step{.n = n, .m = e_.size(), .p = H_.cols(), .A_band = band_, .C_band = 0, .transposed = true,
+                              .A = source(F_), .B = source(C_weighted_), .C = source(H_), .S = source(T_),
+                              .R = source(model.Q_inverse_root), .S_next = target(next_), .Re = target(Qe_root_),
+                              .work = kernel_work_.data()};
+      if (has_state) {
+        work_.noalias() = U_.lazyProduct(moved_);
+        step.x = work_.data();
+        step.y = weighted_y_.data();
+        step.z = z_.data();
+        step.xi = right_.data();
+        step.e = right_.data() + n;
+      }
+      return kernels::run(step);
+    }
+    return false;
+  }
+
+  /// The measurement's part of the array, whose lower part has `band` subdiagonals, and the triangle that comes of it.
+  void triangularise(Index band, bool has_state) {
+    const Index p = e_.size();
     CR_TF_.topRows(p) = C_weighted_;
-    if (y)
-      multiply_upper(next.R_inverse_root, *y, right_.head(p));
+    if (has_state)
+      right_.head(p) = weighted_y_;
     else
       right_.setZero();
     hessenberg_qr(p + band, CR_TF_, right_);
-    copy_upper(CR_TF_.topRows(n), next_);
+    copy_upper(CR_TF_.topRows(T_.rows()), next_);
+  }
 
+  /// The step's end: what is made of T+, in next_, and of (xi; e), in right_.
+  StepReport<S> finish(const Model& model, const Model& next, const Output* y, const Input* u, Wanted wanted) {
+    const Index n = T_.rows(), p = e_.size();
+    const bool has_gain = wanted != Wanted::factor;
     const bool finite = all_finite(next_);
-    const S rcond = finite ? reciprocal_condition_triangular<Triangle::upper>(next_, work_, sign_) : S(0);
-    if (!(rcond >= tolerance_))
+    S rcond = finite ? std::numeric_limits<S>::quiet_NaN() : S(0);
+    bool regular = finite;
+    if (finite && wanted == Wanted::all) {
+      rcond = reciprocal_condition_triangular<Triangle::upper>(next_, work_, sign_);
+      regular = rcond >= tolerance_;
+    } else if (finite && (y || has_gain)) {
+      for (Index j = 0; j < n; ++j) regular = regular && next_(j, j) != S(0);
+    }
+    if (!regular)
       return blame(finite ? Status::singular_information : Status::overflow, rcond, model, next, y, u);
-    information_gain(next_, C_weighted_, next.R_inverse_root, condensed_gain_, work_);
-    multiply_transposed(U_, condensed_gain_, next_gain_);
+    if (has_gain) {
+      information_gain(next_, C_weighted_, next.R_inverse_root, condensed_gain_, work_);
+      multiply_transposed(U_, condensed_gain_, next_gain_);
+    }
     if (y) {
       moved_ = right_.head(n);
       solve_triangular<Triangle::upper, false>(next_, moved_);
       multiply_transposed(U_, moved_, next_x_);
     }
-    if (!all_finite(next_gain_) || (y && !all_finite(next_x_)))
+    if ((has_gain && !all_finite(next_gain_)) || (y && !all_finite(next_x_)))
       return blame(Status::overflow, rcond, model, next, y, u);
     T_.swap(next_);
     has_factor_ = false;
-    gain_.swap(next_gain_);
+    if (has_gain) gain_.swap(next_gain_);
     if (y) {
       x_.swap(next_x_);
       e_ = right_.tail(p);
@@ -240,6 +290,8 @@ class HessenbergSquareRootInformationFilter {
   Vector<S, N> x_, next_x_, moved_;
   Vector<S, P> e_;
   Vector<S, N> work_, sign_;
+  Vector<S, P> weighted_y_;
+  Vector<S> kernel_work_;
 };
 
 }  // namespace kfstab

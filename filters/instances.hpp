@@ -3,6 +3,7 @@
 #include <stdexcept>
 #include <string>
 
+#include <kfstab/filters/kernels.hpp>
 #include <kfstab/filters/registry.hpp>
 #include <kfstab/filters/registry_headers.inc>
 
@@ -84,6 +85,7 @@ class FilterOf final : public AnyFilter<typename Filter::Scalar> {
 
 template <class Scalar>
 std::unique_ptr<AnyFilter<Scalar>> make_filter(std::string_view id) {
+  kernels::check_environment();
   const Metadata* metadata = find_filter(id);
   auto next = filters().begin();
 #define KFSTAB_FILTER(header, Filter, ...)                                \

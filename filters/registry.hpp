@@ -16,7 +16,8 @@ std::span<const Metadata> filters();
 const Metadata* find_filter(std::string_view id);
 
 /// A new filter, not yet started. Instantiated for double in the library (instances_double.cpp); a program that wants
-/// another scalar instantiates instances.hpp for it. Throws std::invalid_argument for an unknown id.
+/// another scalar instantiates instances.hpp for it. Throws std::invalid_argument for an unknown id, or if
+/// KFSTAB_ISA names kernels that this machine cannot run.
 template <class Scalar>
 std::unique_ptr<AnyFilter<Scalar>> make_filter(std::string_view id);
 

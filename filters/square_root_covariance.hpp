@@ -1,5 +1,8 @@
 #pragma once
 
+#include <limits>
+
+#include <kfstab/filters/kernels.hpp>
 #include <kfstab/filters/linear_solve.hpp>
 #include <kfstab/filters/products.hpp>
 #include <kfstab/filters/state_space.hpp>
@@ -12,15 +15,24 @@ namespace kfstab {
 ///
 /// @param Re_root  p x p, lower, zero above the diagonal
 /// @param tolerance  least reciprocal condition number of Re_root that counts as regular
+/// @param divided  G is the gain already, as kernels leave it
 /// @param G  r x p; overwritten with G Re^{-1/2} unless Re_root is refused
 /// @param work, sign  p each
 /// Statuses: singular_innovation, overflow. rcond is that of Re_root.
 template <class S, class ReType, class GType, class WorkType>
-StepReport<S> divide_by_innovation_root(const ReType& Re_root, const S& tolerance, GType& G, WorkType& work,
-                                        WorkType& sign) {
-  if (!all_finite(Re_root)) return {Status::overflow, S(0)};
-  const S rcond = reciprocal_condition_triangular<Triangle::lower>(Re_root, work, sign);
-  if (!(rcond >= tolerance)) return {Status::singular_innovation, rcond};
+StepReport<S> divide_by_innovation_root(const ReType& Re_root, Wanted wanted, const S& tolerance, bool divided,
+                                        GType& G, WorkType& work, WorkType& sign) {
+  if (!divided && !all_finite(Re_root)) return {Status::overflow, S(0)};
+  S rcond = std::numeric_limits<S>::quiet_NaN();
+  if (wanted == Wanted::factor) return {Status::ok, rcond};
+  if (wanted == Wanted::all) {
+    rcond = reciprocal_condition_triangular<Triangle::lower>(Re_root, work, sign);
+    if (!(rcond >= tolerance)) return {Status::singular_innovation, rcond};
+  } else {
+    for (Index j = 0; j < Re_root.cols(); ++j)
+      if (Re_root(j, j) == S(0)) return {Status::singular_innovation, rcond};
+  }
+  if (divided) return {Status::ok, rcond};
   solve_triangular_right<Triangle::lower, false>(Re_root, G);
   return {all_finite(G) ? Status::ok : Status::overflow, rcond};
 }
@@ -47,13 +59,15 @@ class SquareRootCovarianceFilter {
 
   /// @param tolerance  least reciprocal condition number of Re^{1/2} that counts as regular; <= 0 means p^2 u
   explicit SquareRootCovarianceFilter(Dimensions d = {N, M, P}, S tolerance = S(0))
-      : tolerance_(tolerance > S(0) ? tolerance : default_tolerance<S>(d.p)),
-        S_(d.n, d.n), next_(d.n, d.n), AS_BQ_(d.n, d.n + d.m), CS_(d.p, d.n), Re_root_(d.p, d.p),
-        next_Re_root_(d.p, d.p), predictor_gain_(d.n, d.p), next_predictor_gain_(d.n, d.p), filter_gain_(d.n, d.p),
-        next_filter_gain_(d.n, d.p), tau_(std::max(d.n, d.p)), x_(d.n), next_x_(d.n), innovation_(d.p), work_(d.p),
-        sign_(d.p) {
+      : tolerance_(tolerance > S(0) ? tolerance : default_tolerance<S>(d.p)), S_(d.n, d.n), next_(d.n, d.n),
+        AS_BQ_(d.n, d.n + d.m), CS_(d.p, d.n), Re_root_(d.p, d.p), next_Re_root_(d.p, d.p), predictor_gain_(d.n, d.p),
+        next_predictor_gain_(d.n, d.p), filter_gain_(d.n, d.p), next_filter_gain_(d.n, d.p), tau_(std::max(d.n, d.p)),
+        x_(d.n), next_x_(d.n), innovation_(d.p), work_(d.p), sign_(d.p),
+        kernel_work_(kernels::work_size<S, N, M, P, false>(d.n, d.m, d.p)) {
     S_.setZero();
+    next_.setZero();  // kernels write the lower triangles alone
     Re_root_.setZero();
+    next_Re_root_.setZero();
     predictor_gain_.setZero();
     filter_gain_.setZero();
     x_.setZero();
@@ -72,21 +86,31 @@ class SquareRootCovarianceFilter {
   /// @param y  p, or null: no state is computed, and x stays what it was
   /// @param u  as many as D has columns, or null for none
   /// Statuses: singular_innovation (of Re^{1/2}), non_finite_input, overflow.
-  StepReport<S> step(const Model& model, const Output* y = nullptr, const Input* u = nullptr) {
-    auto AS = AS_BQ_.leftCols(S_.rows());
-    multiply_lower(model.A, S_, AS);
-    model.process_noise_root(AS_BQ_.rightCols(model.B.cols()));
-    const auto report = innovate(model, y, AS, next_predictor_gain_);
-    if (!report) return report;
-    lq(AS_BQ_, tau_);
-    copy_lower(AS_BQ_, next_);
+  StepReport<S> step(const Model& model, const Output* y = nullptr, const Input* u = nullptr,
+                     Wanted wanted = Wanted::all) {
+    if (wanted == Wanted::factor) y = nullptr;
+    const bool by_kernel = array_by_kernel(model, wanted);
+    if (!by_kernel) {
+      auto AS = AS_BQ_.leftCols(S_.rows());
+      multiply_lower(model.A, S_, AS);
+      model.process_noise_root(AS_BQ_.rightCols(model.B.cols()));
+      annihilate(model, AS, next_predictor_gain_);
+    }
+    const auto report =
+        divide_by_innovation_root(next_Re_root_, wanted, tolerance_, by_kernel, next_predictor_gain_, work_, sign_);
+    if (!report) return failed(report.status, report.rcond, model, y);
+    if (!by_kernel) {
+      lq(AS_BQ_, tau_);
+      copy_lower(AS_BQ_, next_);
+    }
     if (y) {
+      innovate(model, *y);
       next_x_.noalias() = model.A.lazyProduct(x_);
       next_x_.noalias() += next_predictor_gain_.lazyProduct(innovation_);
       if (u) next_x_.noalias() += model.D.lazyProduct(*u);
     }
-    if (!accept(y != nullptr)) return failed(Status::overflow, report.rcond, model, y, u);
-    predictor_gain_.swap(next_predictor_gain_);
+    if (!accept(y != nullptr, by_kernel)) return failed(Status::overflow, report.rcond, model, y, u);
+    if (wanted != Wanted::factor) predictor_gain_.swap(next_predictor_gain_);
     Re_root_.swap(next_Re_root_);
     return report;
   }
@@ -95,11 +119,14 @@ class SquareRootCovarianceFilter {
   StepReport<S> measurement_update(const Model& model, const Output* y = nullptr) {
     auto updated = AS_BQ_.leftCols(S_.rows());
     updated = S_;
-    const auto report = innovate(model, y, updated, next_filter_gain_);
-    if (!report) return report;
+    annihilate(model, updated, next_filter_gain_);
+    const auto report =
+        divide_by_innovation_root(next_Re_root_, Wanted::all, tolerance_, false, next_filter_gain_, work_, sign_);
+    if (!report) return failed(report.status, report.rcond, model, y);
     lq(updated, tau_);
     copy_lower(updated, next_);
     if (y) {
+      innovate(model, *y);
       next_x_ = x_;
       next_x_.noalias() += next_filter_gain_.lazyProduct(innovation_);
     }
@@ -134,23 +161,47 @@ class SquareRootCovarianceFilter {
  private:
   static constexpr int columns = N == Dynamic || M == Dynamic ? Dynamic : N + M;
 
-  /// Annihilates C S against R^{1/2} and takes `rows`, A S or S, along; leaves the gain and the innovation y - C x.
-  template <class Rows>
-  StepReport<S> innovate(const Model& model, const Output* y, Rows& rows, Matrix<S, N, P>& gain) {
-    copy_lower(model.R_root, next_Re_root_);
-    multiply_lower(model.C, S_, CS_);
-    structured_lq(Shape::full, next_Re_root_, CS_, rows, gain, tau_);
-    const auto report = divide_by_innovation_root(next_Re_root_, tolerance_, gain, work_, sign_);
-    if (!report) return failed(report.status, report.rcond, model, y);
-    if (y) {
-      innovation_ = *y;
-      innovation_.noalias() -= model.C.lazyProduct(x_);
+  /// All of the array of a step, gain included if it is wanted; false if there are no kernels, or they gave up.
+  bool array_by_kernel([[maybe_unused]] const Model& model, [[maybe_unused]] Wanted wanted) {
+    if constexpr (kernels::exist<S>) {
+      using kernels::source, kernels::target;
+      const Index n = S_.rows();
+      return kernels::run_sized<N, M, P, false, false>(
+          {.n = n,
+           .m = model.B.cols(),
+           .p = next_Re_root_.rows(),
+           .A_band = n,
+           .C_band = n,
+           .A = source(model.A),
+           .B = source(model.B),
+           .C = source(model.C),
+           .S = source(S_),
+           .Q = model.Q_root.rows() == 0 ? kernels::Source{} : source(model.Q_root),
+           .R = source(model.R_root),
+           .S_next = target(next_),
+           .Re = target(next_Re_root_),
+           .K = wanted == Wanted::factor ? kernels::Target{} : target(next_predictor_gain_),
+           .work = kernel_work_.data()});
     }
-    return report;
+    return false;
   }
 
-  bool accept(bool has_state) {
-    if (!all_finite(next_) || (has_state && !all_finite(next_x_))) return false;
+  /// Annihilates C S against R^{1/2} and takes `rows`, A S or S, along; leaves G.
+  template <class Rows>
+  void annihilate(const Model& model, Rows& rows, Matrix<S, N, P>& G) {
+    copy_lower(model.R_root, next_Re_root_);
+    multiply_lower(model.C, S_, CS_);
+    structured_lq(Shape::full, next_Re_root_, CS_, rows, G, tau_);
+  }
+
+  /// y - C x.
+  void innovate(const Model& model, const Output& y) {
+    innovation_ = y;
+    innovation_.noalias() -= model.C.lazyProduct(x_);
+  }
+
+  bool accept(bool has_state, bool known_to_be_finite = false) {
+    if ((!known_to_be_finite && !all_finite(next_)) || (has_state && !all_finite(next_x_))) return false;
     S_.swap(next_);
     if (has_state) x_.swap(next_x_);
     return true;
@@ -165,6 +216,7 @@ class SquareRootCovarianceFilter {
   Vector<S> tau_;
   Vector<S, N> x_, next_x_;
   Vector<S, P> innovation_, work_, sign_;
+  Vector<S> kernel_work_;
 };
 
 }  // namespace kfstab

@@ -1,5 +1,8 @@
 #pragma once
 
+#include <limits>
+
+#include <kfstab/filters/kernels.hpp>
 #include <kfstab/filters/linear_solve.hpp>
 #include <kfstab/filters/products.hpp>
 #include <kfstab/filters/state_space.hpp>
@@ -50,11 +53,13 @@ class SquareRootInformationFilter {
 
   /// @param tolerance  least reciprocal condition number of T that counts as regular; <= 0 means n^2 u
   explicit SquareRootInformationFilter(Dimensions d = {N, M, P}, S tolerance = S(0))
-      : tolerance_(tolerance > S(0) ? tolerance : default_tolerance<S>(d.n)),
-        T_(d.n, d.n), next_(d.n, d.n), Qe_root_(d.m, d.m), TAB_(d.n, d.m), over_(d.m, d.n), stack_(d.n + d.p, d.n),
-        C_weighted_(d.p, d.n), gain_(d.n, d.p), next_gain_(d.n, d.p), right_(d.n + d.p), z_(d.m), w_(d.m), tau_(d.m),
-        x_(d.n), next_x_(d.n), moved_(d.n), e_(d.p), work_(d.n), sign_(d.n) {
+      : tolerance_(tolerance > S(0) ? tolerance : default_tolerance<S>(d.n)), T_(d.n, d.n), next_(d.n, d.n),
+        Qe_root_(d.m, d.m), TAB_(d.n, d.m), over_(d.m, d.n), stack_(d.n + d.p, d.n), C_weighted_(d.p, d.n),
+        gain_(d.n, d.p), next_gain_(d.n, d.p), right_(d.n + d.p), z_(d.m), w_(d.m), tau_(d.m), x_(d.n), next_x_(d.n),
+        moved_(d.n), e_(d.p), work_(d.n), sign_(d.n),
+        kernel_work_(kernels::work_size<S, N, P, M, true>(d.n, d.p, d.m)) {
     T_.setZero();
+    next_.setZero();  // kernels write the upper triangle alone
     gain_.setZero();
     x_.setZero();
     e_.setZero();
@@ -74,23 +79,37 @@ class SquareRootInformationFilter {
   /// @param model  of step k: A, B, D, Q    @param next  of step k+1: C, R
   /// @param y  y_{k+1} (p), or null: no state is computed, and x stays what it was
   /// @param u  u_k, as many as D has columns, or null for none
+  /// @param wanted  without Wanted::gain there is a state all the same, if there is y
   /// Statuses: singular_information (of T+), non_finite_input, overflow.
-  StepReport<S> step(const Model& model, const Model& next, const Output* y = nullptr, const Input* u = nullptr) {
-    move(model, y != nullptr, u);
-    return finish(model, next, y, u, true);
+  StepReport<S> step(const Model& model, const Model& next, const Output* y = nullptr, const Input* u = nullptr,
+                     Wanted wanted = Wanted::all) {
+    if (y) right_hand_side(model, u);
+    if (array_by_kernel(model, next, y)) {
+      if (wanted != Wanted::factor) multiply_upper(next.R_inverse_root, next.C, C_weighted_);
+    } else {
+      move(model, y != nullptr);
+      weigh(next, y, true);
+      triangularise();
+    }
+    return finish(model, next, y, u, true, wanted);
   }
 
   /// The measurement update alone: from k|k-1 to k|k. It starts a run from P_{0|-1}.
   StepReport<S> measurement_update(const Model& model, const Output* y = nullptr) {
     stack_.topRows(T_.rows()) = T_;
     if (y) multiply_upper(T_, x_, right_.head(T_.rows()));
-    return finish(model, model, y, static_cast<const Input*>(nullptr), true);
+    weigh(model, y, true);
+    triangularise();
+    return finish(model, model, y, static_cast<const Input*>(nullptr), true, Wanted::all);
   }
 
   /// The time update alone: from k|k to k+1|k.
   StepReport<S> time_update(const Model& model, const Input* u = nullptr) {
-    move(model, true, u);
-    return finish(model, model, static_cast<const Output*>(nullptr), u, false);
+    right_hand_side(model, u);
+    move(model, true);
+    weigh(model, nullptr, false);
+    triangularise();
+    return finish(model, model, static_cast<const Output*>(nullptr), u, false, Wanted::all);
   }
 
   /// T, n x n, zero below the diagonal.
@@ -104,8 +123,55 @@ class SquareRootInformationFilter {
  private:
   static constexpr int rows = N == Dynamic || P == Dynamic ? Dynamic : N + P;
 
+  /// x + A^{-1} D u in moved_, and z = Q^{-1/2} (-E w) in z_.
+  void right_hand_side(const Model& model, const Input* u) {
+    moved_ = x_;
+    if (u) {
+      work_.noalias() = model.D.lazyProduct(*u);
+      moved_.noalias() += model.A_inverse.lazyProduct(work_);
+    }
+    if (model.w_mean.size() > 0) {
+      w_ = -model.w_mean;
+      multiply_upper(model.Q_inverse_root, w_, z_);
+    } else {
+      z_.setZero();
+    }
+  }
+
+  /// All of the array of a step, its right-hand side if there is y; false if there are no kernels, or they gave up.
+  bool array_by_kernel([[maybe_unused]] const Model& model, [[maybe_unused]] const Model& next,
+                       [[maybe_unused]] const Output* y) {
+    if constexpr (kernels::exist<S>) {
+      using kernels::source, kernels::target;
+      const Index n = T_.rows(), m = TAB_.cols(), p = C_weighted_.rows();
+      kernels::ArrayStep step{.n = n,
+                              .m = p,
+                              .p = m,
+                              .A_band = n,
+                              .C_band = n,
+                              .transposed = true,
+                              .A = source(model.A_inverse),
+                              .B = source(next.C),
+                              .C = source(model.A_inverse_B),
+                              .S = source(T_),
+                              .Q = source(next.R_inverse_root),
+                              .R = source(model.Q_inverse_root),
+                              .S_next = target(next_),
+                              .Re = target(Qe_root_),
+                              .work = kernel_work_.data()};
+      if (!y) return kernels::run_sized<N, P, M, false, true>(step);
+      step.x = moved_.data();
+      step.y = y->data();
+      step.z = z_.data();
+      step.xi = right_.data();
+      step.e = right_.data() + n;
+      return kernels::run_sized<N, P, M, true, true>(step);
+    }
+    return false;
+  }
+
   /// The time update's part: eliminates w; leaves T of k+1|k, full, on top of stack_ and its right-hand side in right_.
-  void move(const Model& model, bool has_state, const Input* u) {
+  void move(const Model& model, bool has_state) {
     const Index n = T_.rows(), m = TAB_.cols();
     auto TA = stack_.topRows(n);
     multiply_upper(T_, model.A_inverse, TA);
@@ -114,25 +180,13 @@ class SquareRootInformationFilter {
     structured_qr(Shape::full, Qe_root_, TAB_, TA, over_, tau_);
     if (!has_state) return;
     auto xi = right_.head(n);
-    moved_ = x_;
-    if (u) {
-      work_.noalias() = model.D.lazyProduct(*u);
-      moved_.noalias() += model.A_inverse.lazyProduct(work_);
-    }
     multiply_upper(T_, moved_, xi);
-    if (model.w_mean.size() > 0) {
-      w_ = -model.w_mean;
-      multiply_upper(model.Q_inverse_root, w_, z_);
-    } else {
-      z_.setZero();
-    }
     for (Index j = 0; j < m; ++j) apply_reflector(S(tau_(j)), TAB_, j, n, z_(j), xi);
   }
 
-  /// The measurement update's part, and the step's end.
-  StepReport<S> finish(const Model& model, const Model& next, const Output* y, const Input* u, bool measured) {
-    const Index n = T_.rows(), p = C_weighted_.rows();
-    const bool has_state = y || !measured;
+  /// The measurement's rows, at the bottom of stack_ and right_.
+  void weigh(const Model& next, const Output* y, bool measured) {
+    const Index p = C_weighted_.rows();
     if (measured) {
       multiply_upper(next.R_inverse_root, next.C, C_weighted_);
       stack_.bottomRows(p) = C_weighted_;
@@ -141,27 +195,43 @@ class SquareRootInformationFilter {
       stack_.bottomRows(p).setZero();
       right_.tail(p).setZero();
     }
-    if (!has_state) right_.setZero();
-    qr(stack_, right_);
-    copy_upper(stack_.topRows(n), next_);
+    if (!y && measured) right_.setZero();
+  }
 
+  void triangularise() {
+    qr(stack_, right_);
+    copy_upper(stack_.topRows(T_.rows()), next_);
+  }
+
+  /// The step's end: what is made of T+, in next_, and of (xi; e), in right_.
+  StepReport<S> finish(const Model& model, const Model& next, const Output* y, const Input* u, bool measured,
+                       Wanted wanted) {
+    const Index n = T_.rows(), p = C_weighted_.rows();
+    const bool has_state = y || !measured, has_gain = measured && wanted != Wanted::factor;
     const bool finite = all_finite(next_);
-    const S rcond = finite ? reciprocal_condition_triangular<Triangle::upper>(next_, work_, sign_) : S(0);
-    if (!(rcond >= tolerance_)) {
+    S rcond = finite ? std::numeric_limits<S>::quiet_NaN() : S(0);
+    bool regular = finite;
+    if (finite && wanted == Wanted::all) {
+      rcond = reciprocal_condition_triangular<Triangle::upper>(next_, work_, sign_);
+      regular = rcond >= tolerance_;
+    } else if (finite && (has_state || has_gain)) {
+      for (Index j = 0; j < n; ++j) regular = regular && next_(j, j) != S(0);
+    }
+    if (!regular) {
       const auto report = failed(finite ? Status::singular_information : Status::overflow, rcond, model, y, u);
       return failed(report.status, rcond, next);
     }
-    if (measured) information_gain(next_, C_weighted_, next.R_inverse_root, next_gain_, work_);
+    if (has_gain) information_gain(next_, C_weighted_, next.R_inverse_root, next_gain_, work_);
     if (has_state) {
       next_x_ = right_.head(n);
       solve_triangular<Triangle::upper, false>(next_, next_x_);
     }
-    if ((measured && !all_finite(next_gain_)) || (has_state && !all_finite(next_x_))) {
+    if ((has_gain && !all_finite(next_gain_)) || (has_state && !all_finite(next_x_))) {
       const auto report = failed(Status::overflow, rcond, model, y, u);
       return failed(report.status, rcond, next);
     }
     T_.swap(next_);
-    if (measured) gain_.swap(next_gain_);
+    if (has_gain) gain_.swap(next_gain_);
     if (has_state) x_.swap(next_x_);
     if (y) e_ = right_.tail(p);
     return {Status::ok, rcond};
@@ -180,6 +250,7 @@ class SquareRootInformationFilter {
   Vector<S, N> x_, next_x_, moved_;
   Vector<S, P> e_;
   Vector<S, N> work_, sign_;
+  Vector<S> kernel_work_;
 };
 
 }  // namespace kfstab

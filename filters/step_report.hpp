@@ -44,13 +44,20 @@ constexpr const char* name(Status status) {
   return "unknown";
 }
 
+/// What a square-root filter's step is asked for. Less costs less: the gain a triangular solve, rcond a few more of them.
+enum class Wanted {
+  factor,  ///< what the filter holds, alone: no gain, and so no state, and y is not looked at. Nothing can be singular.
+  gain,    ///< and the gain, and the state if there is y. What counts as singular is a zero pivot; rcond is NaN.
+  all,     ///< and rcond, held against the tolerance
+};
+
 /// What a step says of itself.
 template <class Scalar>
 struct StepReport {
   Status status = Status::ok;
   /// Reciprocal condition number in the 1-norm, estimated, of what the form must invert: Re for the forms that hold P,
   /// Re^{1/2} for a square-root covariance filter (for the SVD filter in the 2-norm, as computed), R^{1/2} for scalar
-  /// updates, T or Y for an information filter. 1 where there is nothing to invert.
+  /// updates, T or Y for an information filter. 1 where there is nothing to invert, NaN where it was not wanted.
   Scalar rcond = Scalar(1);
 
   explicit operator bool() const { return status == Status::ok; }

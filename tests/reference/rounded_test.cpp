@@ -12,6 +12,7 @@
 #include <kfstab/reference/rounded.hpp>
 #include <kfstab/reference/trajectory.hpp>
 
+#include "filters/with_kernels.hpp"
 #include "support.hpp"
 
 template std::unique_ptr<kfstab::AnyFilter<float>> kfstab::make_filter<float>(std::string_view);
@@ -190,7 +191,11 @@ TEST(Rounded, BitsAreAThreadsOwnAndEndWithTheirBlock) {
   EXPECT_EQ(Rounded::bits(), 53);
 }
 
-TEST(RoundedFilter, IsThatOfDoubleAt53Bits) { every_filter_is_that_of<double>(53); }
+// By the plain text: kernels sum in an order of their own, and fuse.
+TEST(RoundedFilter, IsThatOfDoubleAt53Bits) {
+  const test::WithKernels with("plain");
+  every_filter_is_that_of<double>(53);
+}
 TEST(RoundedFilter, IsThatOfFloatAt24Bits) { every_filter_is_that_of<float>(24); }
 
 TEST(RoundedProblem, HasTheBitsThatWereAskedFor) {
@@ -211,6 +216,7 @@ TEST(RoundedProblem, HasTheBitsThatWereAskedFor) {
 }
 
 TEST(RoundedMeasure, Of53BitsIsThatOfDouble) {
+  const test::WithKernels with("plain");
   std::mt19937_64 random(7);
   const Dimensions d{4, 2, 2};
   const auto data = random_data(random, d.p, 1, 3);

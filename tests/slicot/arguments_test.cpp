@@ -9,6 +9,7 @@
 #include <kfstab/filters/square_root_covariance.hpp>
 #include <kfstab/filters/square_root_information.hpp>
 
+#include "filters/with_kernels.hpp"
 #include "slicot/fortran.hpp"
 
 namespace {
@@ -387,6 +388,7 @@ TEST(Arguments, ReductionsKeepToTheirArrays) {
 // ---- What the modes mean, by the filters of the library, which do the same operations in the same order
 
 TEST(Arguments, CovarianceStepIsThatOfTheFilter) {
+  const WithKernels with("plain");
   for_small_sizes([](Dice& dice, int n, int m, int p) {
     CovarianceStep call(dice, false, n, m, p);
     RootModel<double> model;
@@ -422,6 +424,7 @@ TEST(Arguments, CovarianceStepIsThatOfTheFilter) {
 }
 
 TEST(Arguments, InformationStepIsThatOfTheFilter) {
+  const WithKernels with("plain");
   for_small_sizes([](Dice& dice, int n, int m, int p) {
     InformationStep call(dice, false, n, m, p);
     InformationModel<double> model;

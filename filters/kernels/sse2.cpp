@@ -1,0 +1,12 @@
+// Compiled for SSE2: filters/CMakeLists.txt.
+#include <kfstab/filters/kernels/array_kernel.hpp>
+#include <kfstab/filters/kernels/batch_kernel.hpp>
+
+namespace kfstab::kernels::sse2 {
+
+bool library_array_step(const ArrayStep& step);
+bool library_array_step(const ArrayStep& step) { return array_step(step); }
+unsigned library_batch_step(const BatchStep& step);
+unsigned library_batch_step(const BatchStep& step) { return batch_step(step); }
+
+}  // namespace kfstab::kernels::sse2

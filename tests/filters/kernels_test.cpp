@@ -1,0 +1,339 @@
+#include <kfstab/filters/kernels.hpp>
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <limits>
+#include <string>
+#include <tuple>
+#include <vector>
+
+#include <kfstab/filters/registry.hpp>
+#include <kfstab/filters/square_root_covariance.hpp>
+
+#include "filters/random_problem.hpp"
+#include "filters/with_kernels.hpp"
+
+namespace kfstab::test {
+namespace {
+
+using Wide = Matrix<long double>;  // truth beside double: 11 bits more, and a range that no square leaves
+using Srcf = SquareRootCovarianceFilter<double>;
+constexpr double threshold = 30;
+
+const double infinity = std::numeric_limits<double>::infinity(), nan = std::nan("");
+
+/// What there is to know of a step.
+struct Result {
+  StepReport<double> report;
+  Matrix<double> factor, gain, innovation_root;
+};
+
+/// One step from S0, the matrices of the model each in a strip of NaN, where nothing may be read.
+template <class Filter>
+Result one_step(const RootModel<double>& model, const Matrix<double>& S0, Wanted wanted = Wanted::all) {
+  Filter filter(model.dimensions());
+  filter.start(S0, Vector<double>::Zero(S0.rows()).eval());
+  typename Filter::Model as_filter;
+  as_filter.A = model.A;
+  as_filter.B = model.B;
+  as_filter.C = model.C;
+  as_filter.D = model.D;
+  as_filter.Q_root = model.Q_root;
+  as_filter.R_root = model.R_root;
+  Result is;
+  is.report = filter.step(as_filter, nullptr, nullptr, wanted);
+  is.factor = filter.factor();
+  is.gain = filter.predictor_gain();
+  is.innovation_root = filter.innovation_root();
+  return is;
+}
+
+RootModel<double> random_model(Dice& dice, const Dimensions& d) {
+  RootModel<double> model;
+  model.A = dice.matrix(d.n, d.n, 16);
+  model.B = dice.matrix(d.n, d.m, 16);
+  model.C = dice.matrix(d.p, d.n, 16);
+  model.D.resize(d.n, 0);
+  model.Q_root = dice.lower_root(d.m);
+  model.R_root = dice.lower_root(d.p);
+  for (Matrix<double>* root : {&model.Q_root, &model.R_root})
+    for (Index j = 0; j < root->cols(); ++j)
+      for (Index i = 0; i < j; ++i) (*root)(i, j) = nan;
+  return model;
+}
+
+Wide lower(const Matrix<double>& X) {
+  Wide L = Wide::Zero(X.rows(), X.cols());
+  for (Index j = 0; j < X.cols(); ++j)
+    for (Index i = j; i < X.rows(); ++i) L(i, j) = X(i, j);
+  return L;
+}
+
+long double row_product(const Wide& X, Index i, Index j) {
+  long double sum = 0;
+  for (Index k = 0; k < X.cols(); ++k) sum += X(i, k) * X(j, k);
+  return sum;
+}
+
+/// What the rows of the array are to each other after the step against what they were before: largest error of an inner
+/// product over u (n + m + p) |row i| |row j|, the norms those of sums of absolute values, as the array itself is computed.
+double backward_error(const RootModel<double>& model, const Matrix<double>& S0, const Result& is) {
+  const auto [n, m, p] = model.dimensions();
+  const Wide S = lower(S0), Q = lower(model.Q_root), R = lower(model.R_root);
+  const auto array = [&](auto f) {
+    Wide X = Wide::Zero(p + n, p + n + m);
+    for (Index i = 0; i < p + n; ++i)
+      for (Index j = 0; j < p + n + m; ++j) {
+        if (i < p && j < p) X(i, j) = f(R(i, j));
+        if (j >= p && j < p + n)
+          for (Index k = j - p; k < n; ++k) X(i, j) += f((i < p ? model.C(i, k) : model.A(i - p, k)) * S(k, j - p));
+        if (i >= p && j >= p + n)
+          for (Index k = j - p - n; k < m; ++k) X(i, j) += f(model.B(i - p, k) * Q(k, j - p - n));
+      }
+    return X;
+  };
+  const Wide before = array([](long double x) { return x; });
+  const Wide scale = array([](long double x) { return std::abs(x); });
+  // [Re 0; K Re, S+]
+  Wide after = Wide::Zero(p + n, p + n);
+  for (Index j = 0; j < p; ++j)
+    for (Index i = 0; i < p; ++i) after(i, j) = is.innovation_root(i, j);
+  for (Index i = 0; i < n; ++i) {
+    for (Index j = 0; j < p; ++j)
+      for (Index k = j; k < p; ++k)
+        after(p + i, j) += static_cast<long double>(is.gain(i, k)) * is.innovation_root(k, j);
+    for (Index j = 0; j < n; ++j) after(p + i, p + j) = is.factor(i, j);
+  }
+  double worst = 0;
+  for (Index i = 0; i < p + n; ++i)
+    for (Index j = 0; j <= i; ++j) {
+      const long double error = std::abs(row_product(before, i, j) - row_product(after, i, j));
+      const long double norms = std::sqrt(row_product(scale, i, i) * row_product(scale, j, j));
+      if (error == 0) continue;
+      const auto ratio = static_cast<double>(error / (0x1p-53L * (n + m + p) * norms));
+      if (!(ratio <= worst)) worst = ratio;
+    }
+  return worst;
+}
+
+// Sizes on both sides of every border that a kernel has: a vector, several, more columns than the small ones take.
+const std::vector<Dimensions> sizes = {{1, 1, 1},  {1, 0, 0},  {2, 1, 3},  {3, 2, 0},    {4, 2, 2},  {4, 0, 4},
+                                       {5, 3, 3},  {7, 9, 1},  {8, 4, 4},  {6, 60, 2},   {9, 3, 8},  {1, 1, 12},
+                                       {12, 4, 4}, {16, 8, 8}, {23, 5, 9}, {24, 24, 24}, {40, 0, 1}, {33, 17, 18}};
+
+std::string text(const Dimensions& d) {
+  return "n=" + std::to_string(d.n) + " m=" + std::to_string(d.m) + " p=" + std::to_string(d.p);
+}
+
+// The same step, by each of them.
+TEST(Kernels, AreBackwardStableAsThePlainTextIs) {
+  for (const Dimensions& d : sizes) {
+    std::vector<double> worst;
+    for (const std::string& isa : all_kernels()) {
+      const WithKernels with(isa);
+      double& of_this = worst.emplace_back(0.0);
+      for (std::uint64_t seed = 1; seed <= 12; ++seed) {
+        Dice dice(seed);
+        const RootModel<double> model = random_model(dice, d);
+        const Matrix<double> S0 = dice.lower_root(d.n);
+        const Result is = one_step<Srcf>(model, S0);
+        ASSERT_EQ(is.report.status, Status::ok) << isa << ' ' << text(d);
+        of_this = std::max(of_this, backward_error(model, S0, is));
+        for (Index j = 0; j < d.n; ++j)
+          for (Index i = 0; i < j; ++i) ASSERT_EQ(is.factor(i, j), 0);
+        for (Index j = 0; j < d.p; ++j)
+          for (Index i = 0; i < j; ++i) ASSERT_EQ(is.innovation_root(i, j), 0);
+      }
+      EXPECT_LE(of_this, threshold) << isa << ' ' << text(d);
+      // Of a dozen steps the worst, so that chance counts for little; 1/(n + m + p) is one rounding of one product.
+      EXPECT_LE(of_this, 2 * worst.front() + 1.0 / static_cast<double>(d.n + d.m + d.p)) << isa << ' ' << text(d);
+    }
+  }
+}
+
+template <int N, int M, int P>
+void fixed_is_dynamic() {
+  for (std::uint64_t seed = 1; seed <= 5; ++seed) {
+    Dice dice(seed);
+    const RootModel<double> model = random_model(dice, {N, M, P});
+    const Matrix<double> S0 = dice.lower_root(N);
+    const Result is = one_step<SquareRootCovarianceFilter<double, N, M, P>>(model, S0);
+    ASSERT_EQ(is.report.status, Status::ok);
+    EXPECT_LE(backward_error(model, S0, is), threshold) << text({N, M, P});
+  }
+}
+
+TEST(Kernels, OfFixedSizesAreBackwardStable) {
+  fixed_is_dynamic<1, 1, 1>();
+  fixed_is_dynamic<3, 2, 1>();
+  fixed_is_dynamic<2, 0, 3>();
+  fixed_is_dynamic<5, 1, 0>();
+}
+
+// Powers of two, so that what the plain text makes of the scaled system is known to the last bit but for the range: every
+// row of the array 2^900 times as large or small, or some only.
+TEST(Kernels, AreGuardedAgainstOverAndUnderflow) {
+  for (const Dimensions& d : {Dimensions{4, 2, 2}, Dimensions{20, 10, 10}, Dimensions{33, 5, 9}})
+    for (const double scale : {1e-300, 1e300})
+      for (const bool all_rows : {true, false}) {
+        Dice dice(7);
+        RootModel<double> model = random_model(dice, d);
+        for (Index i = 0; i < d.n; ++i)
+          if (all_rows || i % 2) {
+            model.A.row(i) *= scale;
+            model.B.row(i) *= scale;
+          }
+        for (Index i = 0; i < d.p; ++i)
+          if (all_rows || i % 2 == 0) {
+            model.C.row(i) *= scale;
+            for (Index j = 0; j <= i; ++j) model.R_root(i, j) *= scale;
+          }
+        const Matrix<double> S0 = dice.lower_root(d.n);
+        for (const std::string& isa : all_kernels()) {
+          SCOPED_TRACE(isa + ' ' + text(d) + " scale " + std::to_string(std::log10(scale)));
+          const WithKernels with(isa);
+          const Result is = one_step<Srcf>(model, S0);
+          const WithKernels without("plain");
+          const Result plain = one_step<Srcf>(model, S0);
+          ASSERT_EQ(is.report.status, plain.report.status);
+          if (!plain.report) continue;
+          EXPECT_LE(backward_error(model, S0, is), threshold);
+        }
+      }
+}
+
+TEST(Kernels, LeaveStatusesAsTheyAre) {
+  const auto status = [](const RootModel<double>& model, const Matrix<double>& S0) {
+    return one_step<Srcf>(model, S0).report.status;
+  };
+  for (const Dimensions& d : {Dimensions{4, 2, 2}, Dimensions{20, 10, 10}, Dimensions{40, 5, 3}})
+    for (const std::string& isa : all_kernels()) {
+      SCOPED_TRACE(isa + ' ' + text(d));
+      const WithKernels with(isa);
+      Dice dice(3);
+      const RootModel<double> sound = random_model(dice, d);
+      const Matrix<double> S0 = dice.lower_root(d.n);
+      EXPECT_EQ(status(sound, S0), Status::ok);
+      for (const double bad : {nan, infinity}) {
+        RootModel<double> model = sound;
+        model.A(d.n - 1, 0) = bad;
+        EXPECT_EQ(status(model, S0), Status::non_finite_input);
+        model = sound;
+        model.B(0, d.m - 1) = bad;
+        EXPECT_EQ(status(model, S0), Status::non_finite_input);
+        model = sound;
+        model.R_root(d.p - 1, 0) = bad;
+        EXPECT_EQ(status(model, S0), Status::non_finite_input);
+      }
+      RootModel<double> model = sound;
+      model.A *= 1e308;
+      model.B *= 1e308;
+      EXPECT_EQ(status(model, S0), Status::overflow);
+      model = sound;
+      model.C.row(1).setZero();
+      model.R_root.row(1).setZero();
+      EXPECT_EQ(status(model, S0), Status::singular_innovation);
+      model = sound;
+      model.C.setZero();
+      model.R_root.setZero();
+      EXPECT_EQ(status(model, S0), Status::singular_innovation);
+      // Nothing at all is left: P+ = 0 is a covariance.
+      model = sound;
+      model.A.setZero();
+      model.B.setZero();
+      const Result none = one_step<Srcf>(model, S0);
+      EXPECT_EQ(none.report.status, Status::ok);
+      EXPECT_TRUE(none.factor.isZero(0));
+      EXPECT_TRUE(none.gain.isZero(0));
+    }
+}
+
+TEST(Kernels, ComputeWhatIsWanted) {
+  for (const std::string& isa : all_kernels())
+    for (const Dimensions& d : {Dimensions{4, 2, 2}, Dimensions{20, 10, 10}, Dimensions{3, 2, 0}}) {
+      SCOPED_TRACE(isa + ' ' + text(d));
+      const WithKernels with(isa);
+      Dice dice(5);
+      RootModel<double> model = random_model(dice, d);
+      const Matrix<double> S0 = dice.lower_root(d.n);
+      const Result all = one_step<Srcf>(model, S0), gain = one_step<Srcf>(model, S0, Wanted::gain),
+                   factor = one_step<Srcf>(model, S0, Wanted::factor);
+      EXPECT_EQ(all.factor, gain.factor);
+      EXPECT_EQ(all.factor, factor.factor);
+      EXPECT_EQ(all.gain, gain.gain);
+      EXPECT_TRUE(factor.gain.isZero(0));
+      EXPECT_EQ(all.innovation_root, factor.innovation_root);
+      EXPECT_TRUE(all.report && gain.report && factor.report);
+      EXPECT_TRUE(std::isnan(gain.report.rcond) && std::isnan(factor.report.rcond));
+      if (d.p == 0) continue;
+      model.C.row(0).setZero();
+      model.R_root.row(0).setZero();
+      EXPECT_EQ(one_step<Srcf>(model, S0, Wanted::gain).report.status, Status::singular_innovation);
+      EXPECT_EQ(one_step<Srcf>(model, S0, Wanted::factor).report.status, Status::ok);
+    }
+}
+
+/// Largest difference of two matrices over u size times the larger norm.
+double difference(const Matrix<double>& X, const Matrix<double>& Y, Index size) {
+  const double scale = std::max(X.norm(), Y.norm()), error = (X - Y).norm();
+  return error == 0 ? 0 : error / (0x1p-53 * static_cast<double>(size) * scale);
+}
+
+// The forms that the same kernel serves, through the registry, beside their own plain text. One step from the same numbers:
+// S S' and T'T differ by the backward errors of two orthogonal factorisations; gain and state by that times the condition
+// number of what is inverted, 1 / rcond of the root, of which the gain takes two solves.
+TEST(Kernels, OfTheArrayFormsAgreeWithTheirPlainText) {
+  for (const char* id : {"srcf", "srcf-hessenberg", "srif", "srif-hessenberg"})
+    for (const Dimensions& d : sizes)
+      for (const bool data : {true, false}) {
+        const Metadata& metadata = *find_filter(id);
+        const Case c{.d = d, .inputs = 1, .data = data};
+        if (!applies(metadata, c)) continue;
+        const AnyProblem<double> problem = random_problem(metadata.takes, c, 11);
+        Dice dice(12);
+        const Vector<double> y = dice.vector(d.p, 48), u = dice.vector(1, 16);
+        const auto run = [&](const std::string& isa) {
+          const WithKernels with(isa);
+          const auto filter = make_filter<double>(id);
+          filter->start(problem);
+          Step<double> step;
+          for (int k = 0; k < 2; ++k) step = filter->step(k, data ? &y : nullptr, data ? &u : nullptr);
+          EXPECT_EQ(step.report.status, Status::ok);
+          const Matrix<double> root = metadata.holds == Held::information_factor ? step.held->transpose() : *step.held;
+          return std::tuple{Matrix<double>(root.lazyProduct(root.transpose())), *step.gain,
+                            step.state ? *step.state : Vector<double>(), step.report.rcond};
+        };
+        const auto [P, K, x, rcond] = run("plain");
+        for (const kernels::Kernels& kernel : kernels::available()) {
+          SCOPED_TRACE(std::string(id) + ' ' + std::string(kernel.isa) + ' ' + text(d));
+          const auto [P_, K_, x_, rcond_] = run(std::string(kernel.isa));
+          const Index size = d.n + d.m + d.p;
+          const double kappa = 1 / (rcond * rcond);
+          EXPECT_LE(difference(P, P_, size), threshold * kappa);
+          EXPECT_LE(difference(K, K_, size), threshold * kappa);
+          EXPECT_LE(difference(x, x_, size), threshold * kappa);
+          // An estimate, which signs of columns lead astray, and seldom by more than a factor 3.
+          EXPECT_LE(std::max(rcond, rcond_), 3 * std::min(rcond, rcond_));
+        }
+      }
+}
+
+TEST(Kernels, AreChosenByName) {
+  EXPECT_THROW(kernels::use("mmx"), std::invalid_argument);
+  for (const std::string& isa : all_kernels()) {
+    const WithKernels with(isa);
+    EXPECT_EQ(kernels::in_use() ? kernels::in_use()->isa : "plain", isa);
+    ASSERT_EQ(setenv("KFSTAB_ISA", isa.c_str(), 1), 0);
+    EXPECT_NO_THROW(kernels::check_environment());
+  }
+  ASSERT_EQ(setenv("KFSTAB_ISA", "mmx", 1), 0);
+  EXPECT_THROW(kernels::check_environment(), std::invalid_argument);
+  unsetenv("KFSTAB_ISA");
+  EXPECT_NO_THROW(kernels::check_environment());
+}
+
+}  // namespace
+}  // namespace kfstab::test
