@@ -178,15 +178,16 @@ std::vector<LongRun> long_runs() {
                                     .125 * plane, plane, 120)}};
 }
 
-struct Course {
+/// All that a subject is run on.
+struct Systems {
   std::vector<System> ordinary = experiments::ordinary();
   std::vector<Rungs> ladders = {innovation(), prior(), accurate(), graded(), dynamics()};
   std::vector<LongRun> long_runs = experiments::long_runs();
 };
 
-const Course& the_course() {
-  static const Course course;
-  return course;
+const Systems& systems() {
+  static const Systems all;
+  return all;
 }
 
 // --- one subject --------------------------------------------------------------------------------------------------------
@@ -231,9 +232,8 @@ class Measurement {
     const auto begin = std::chrono::steady_clock::now();
     Fingerprint result;
     result.subject = subject_.traits();
-    const Course& course = the_course();
     std::vector<double> errors;
-    for (const System& system : course.ordinary) {
+    for (const System& system : systems().ordinary) {
       if (stopped()) return std::nullopt;
       const Worst one = worst(system, false);
       if (one.refused) continue;
@@ -244,12 +244,12 @@ class Measurement {
     }
     result.ordinary_error = median(errors);
     result.answers_floats = steps_ > 0 && floats_;
-    for (const Rungs& ladder : course.ladders) {
+    for (const Rungs& ladder : systems().ladders) {
       const auto climbed = climb(ladder);
       if (!climbed) return std::nullopt;
       result.climbs.push_back(*climbed);
     }
-    for (const LongRun& run : course.long_runs) {
+    for (const LongRun& run : systems().long_runs) {
       if (stopped()) return std::nullopt;
       result.asymmetries.push_back(asymmetry(run));
     }
