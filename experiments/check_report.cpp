@@ -302,6 +302,7 @@ std::string check_text(const CheckedSubject& subject, bool color) {
   std::string text = summary(subject) + "\n";
   if (const auto said = refusals(r); !said.empty()) text += "  " + said + "\n";
   if (subject.fingerprint) text += wrapped(sentence(*subject.fingerprint), 2);
+  if (subject.fingerprint_left_out) text += "  out of time: no fingerprint was taken\n";
   if (subject.fault)
     text += fmt::format("\n{}{}{}\n", color ? "\033[31m" : "", subject.fault->what, color ? "\033[0m" : "");
 

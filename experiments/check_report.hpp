@@ -29,6 +29,7 @@ struct CheckedSubject {
   std::vector<properties::Diagnosis> diagnosis;
   /// Of what kind it is, if that was asked for and there was time.
   std::optional<Fingerprint> fingerprint;
+  bool fingerprint_left_out = false;  ///< there was no time
   /// The file of each failure's system, in the order of report.laws; empty where it was not written.
   std::vector<std::string> files;
 

@@ -178,15 +178,16 @@ std::vector<LongRun> long_runs() {
                                     .125 * plane, plane, 120)}};
 }
 
-struct Course {
+/// All that a subject is run on.
+struct Systems {
   std::vector<System> ordinary = experiments::ordinary();
   std::vector<Rungs> ladders = {innovation(), prior(), accurate(), graded(), dynamics()};
   std::vector<LongRun> long_runs = experiments::long_runs();
 };
 
-const Course& the_course() {
-  static const Course course;
-  return course;
+const Systems& systems() {
+  static const Systems all;
+  return all;
 }
 
 // --- one subject --------------------------------------------------------------------------------------------------------
@@ -231,9 +232,8 @@ class Measurement {
     const auto begin = std::chrono::steady_clock::now();
     Fingerprint result;
     result.subject = subject_.traits();
-    const Course& course = the_course();
     std::vector<double> errors;
-    for (const System& system : course.ordinary) {
+    for (const System& system : systems().ordinary) {
       if (stopped()) return std::nullopt;
       const Worst one = worst(system, false);
       if (one.refused) continue;
@@ -244,15 +244,17 @@ class Measurement {
     }
     result.ordinary_error = median(errors);
     result.answers_floats = steps_ > 0 && floats_;
-    for (const Rungs& ladder : course.ladders) {
+    difficult_ = true;
+    for (const Rungs& ladder : systems().ladders) {
       const auto climbed = climb(ladder);
       if (!climbed) return std::nullopt;
       result.climbs.push_back(*climbed);
     }
-    for (const LongRun& run : course.long_runs) {
+    for (const LongRun& run : systems().long_runs) {
       if (stopped()) return std::nullopt;
       result.asymmetries.push_back(asymmetry(run));
     }
+    difficult_ = false;
     result.steps = steps_;
     result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     return result;
@@ -263,7 +265,7 @@ class Measurement {
 
   Worst worst(const System& system, bool by_determinant) {
     Bench bench(subject_, truths_);
-    const properties::Run& run = bench.run(system);
+    const properties::Run run = run_of(bench, system);
     const properties::Course& truth = bench.course(system);
     steps_ += static_cast<std::int64_t>(run.answers.size());
     Worst result;
@@ -301,6 +303,16 @@ class Measurement {
     if (subject_.traits().holds != Held::gain) result.P = infinity;
     if (subject_.traits().gain) result.K = infinity;
     return result;
+  }
+
+  /// A filter that dies on a difficult system has broken down there; on ordinary ones it is at fault.
+  properties::Run run_of(Bench& bench, const System& system) const {
+    try {
+      return bench.run(system);
+    } catch (const properties::SubjectFault& fault) {
+      if (!difficult_ || fault.kind != properties::SubjectFault::Kind::died) throw;
+      return {system, {}, {Ending::Kind::no_answer, 0, fault.what()}};
+    }
   }
 
   std::optional<Climb> climb(const Rungs& ladder) {
@@ -350,6 +362,7 @@ class Measurement {
   const std::function<bool()>& stop_;
   std::int64_t steps_ = 0;
   bool floats_ = true;
+  bool difficult_ = false;
 };
 
 // --- among the others -----------------------------------------------------------------------------------------------------

@@ -81,7 +81,7 @@ struct Fingerprint {
 
 /// Runs the subject over the ladders, about a thousand steps, and places it among the filters of the registry, which are
 /// measured by the same code at the first call (some tenths of a second). Nothing if `stop` said so between two systems. Throws
-/// properties::SubjectFault.
+/// properties::SubjectFault; but where a filter dies on a ladder, there it has broken down.
 std::optional<Fingerprint> fingerprint(properties::Subject& subject, const std::function<bool()>& stop = {});
 
 /// The fingerprint of each filter of the registry, in its order, without neighbours.

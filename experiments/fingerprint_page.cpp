@@ -100,7 +100,8 @@ reports::Figure ladder_figure(const Fingerprint& f, const Shown& what, const std
   reports::Figure figure;
   figure.id = fmt::format("{}-{}", prefix, what.ladder);
   figure.title = what.title;
-  figure.caption = fmt::format("{} A curve ends where its filter breaks down.", what.question);
+  figure.caption =
+      fmt::format("{} A curve has a gap where its filter breaks down or has a P of no use.", what.question);
   figure.x = {std::string(own.difficulty), true};
   figure.y = {gain == what.gain ? what.y : gain ? "worst relative error of K" : "worst relative error of P", true};
   for (const std::string_view id : beside(f, {"ckf", "joseph", "srcf", "srif", "information"})) {

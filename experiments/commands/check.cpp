@@ -193,7 +193,9 @@ int check_command(const CheckArguments& arguments) {
           };
           properties::check(*subject, options, one.report);
           if (one.failed() > 0) one.diagnosis = properties::diagnose(one.report.subject, one.report.runs);
-          if (arguments.fingerprint) one.fingerprint = fingerprint(*subject, no_time_left);
+          if (!arguments.fingerprint) return;
+          one.fingerprint = fingerprint(*subject, no_time_left);
+          one.fingerprint_left_out = !one.fingerprint;
         } catch (const properties::SubjectFault& fault) {
           if (one.report.subject.name.empty()) one.report.subject.name = one.selected_by;
           one.fault = CheckedSubject::Fault{kind_name(fault.kind), fault.what()};

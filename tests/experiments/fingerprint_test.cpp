@@ -398,22 +398,38 @@ TEST(Fingerprint, StopsWhenAsked) {
   EXPECT_EQ(asked, 21);
 }
 
-/// Dies at its hundredth step.
+/// Does not survive a determinant of Re below `least`.
 class Mortal final : public Plain<double> {
  public:
-  Mortal() : Plain("mortal") {}
+  explicit Mortal(double least) : Plain("mortal"), least_(least) {}
 
  private:
-  Answer step(const M& A, const M&, const M& C, const M&, const M&, const V&) override {
-    if (++steps_ == 100) throw properties::SubjectFault(properties::SubjectFault::Kind::died, "died");
-    return answer(M::Zero(A.rows(), C.rows()));
+  Answer step(const M& A, const M& B, const M& C, const M& Q, const M& R, const V& y) override {
+    const M Re = C * P_ * C.transpose() + R;
+    if (Re.rows() == 2 && Re(0, 0) * Re(1, 1) - Re(0, 1) * Re(1, 0) < least_)
+      throw properties::SubjectFault(properties::SubjectFault::Kind::died, "died");
+    const M K = A * P_ * C.transpose() * inverse<double>(Re);
+    x_ = (A * x_ + K * (y - C * x_)).eval();
+    P_ = ((A - K * C) * P_ * A.transpose() + B * Q * B.transpose()).eval();
+    return answer(K);
   }
-  int steps_ = 0;
+
+  double least_;
 };
 
-TEST(Fingerprint, PassesAFaultOn) {
-  const auto subject = properties::subject(std::make_unique<Mortal>());
+TEST(Fingerprint, AFaultOnAnOrdinarySystemIsOne) {
+  const auto subject = properties::subject(std::make_unique<Mortal>(1e9));
   EXPECT_THROW(fingerprint(*subject), properties::SubjectFault);
+}
+
+TEST(Fingerprint, WhoDiesOnALadderBreaksDownThere) {
+  // det Re = 8 d^2 nearly, theory (6.3), in the first step, and about 2 d^2 in the last of four.
+  const double least = 1e-7;
+  const Fingerprint found = foreign<Mortal>(least);
+  const double d = 1 / *found.climb("accurate").broken;
+  EXPECT_LT(2 * d * d, least);
+  EXPECT_GT(8 * 16 * d * d, least);  // d is a quarter of that on the rung below
+  EXPECT_FALSE(found.neighbours.empty());
 }
 
 }  // namespace
