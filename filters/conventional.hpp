@@ -1,5 +1,8 @@
 #pragma once
 
+#include <limits>
+
+#include <kfstab/filters/kernels.hpp>
 #include <kfstab/filters/linear_solve.hpp>
 #include <kfstab/filters/products.hpp>
 #include <kfstab/filters/state_space.hpp>
@@ -29,7 +32,9 @@ class SymmetricCovarianceFilter {
       : tolerance_(tolerance > S(0) ? tolerance : default_tolerance<S>(d.p)),
         P_(d.n, d.n), next_(d.n, d.n), filtered_(d.n, d.n), AP_(d.n, d.n), BQ_(d.n, d.m), reduction_(d.n, form == MeasurementUpdate::joseph ? d.n : 0),
         Re_(d.p, d.p), W_(d.n, d.p), gain_(d.n, d.p), next_gain_(d.n, d.p),
-        x_(d.n), next_x_(d.n), filtered_x_(d.n), innovation_(d.p), work_(d.p), sign_(d.p) {
+        x_(d.n), next_x_(d.n), filtered_x_(d.n), innovation_(d.p), work_(d.p), sign_(d.p),
+        Re_root_(d.p, d.p),
+        kernel_work_(kernels::work_size<S, N, M, P>(d, form == MeasurementUpdate::joseph)) {
     P_.setZero();
     gain_.setZero();
     x_.setZero();
@@ -49,9 +54,15 @@ class SymmetricCovarianceFilter {
   /// @param u  as many as D has columns, or null for none
   /// Statuses: not_positive_definite, singular_innovation (of Re), non_finite_input, overflow.
   StepReport<S> step(const Model& model, const Output* y = nullptr, const Input* u = nullptr) {
-    const auto report = update(model, y, P_, x_, filtered_, filtered_x_);
+    const bool by_kernel = covariance_by_kernel(model);
+    const auto report = by_kernel ? judge_innovation(model, y, one_norm_symmetric_upper(Re_), Re_root_)
+                                  : update_covariance(model, y, P_, filtered_);
     if (!report) return report;
-    if (!predict(model, y != nullptr, u, filtered_, filtered_x_)) return failed(Status::overflow, report.rcond, model, y, u);
+    if (y && !update_state(model, *y, x_, filtered_x_)) return failed(Status::overflow, report.rcond, model, y);
+    if (!by_kernel) predict_covariance(model, filtered_);
+    if (y) predict_state(model, u, filtered_x_);
+    if ((!by_kernel && !all_finite(next_)) || (y && !all_finite(next_x_)))
+      return failed(Status::overflow, report.rcond, model, y, u);
     gain_.swap(next_gain_);
     accept(y != nullptr);
     return report;
@@ -59,8 +70,9 @@ class SymmetricCovarianceFilter {
 
   /// The measurement update alone: what is held goes from k|k-1 to k|k.
   StepReport<S> measurement_update(const Model& model, const Output* y = nullptr) {
-    const auto report = update(model, y, P_, x_, next_, next_x_);
+    const auto report = update_covariance(model, y, P_, next_);
     if (!report) return report;
+    if (y && !update_state(model, *y, x_, next_x_)) return failed(Status::overflow, report.rcond, model, y);
     gain_.swap(next_gain_);
     accept(y != nullptr);
     return report;
@@ -68,7 +80,9 @@ class SymmetricCovarianceFilter {
 
   /// The time update alone: what is held goes from k|k to k+1|k.
   StepReport<S> time_update(const Model& model, const Input* u = nullptr) {
-    if (!predict(model, true, u, P_, x_)) return failed(Status::overflow, S(1), model, u);
+    predict_covariance(model, P_);
+    predict_state(model, u, x_);
+    if (!all_finite(next_) || !all_finite(next_x_)) return failed(Status::overflow, S(1), model, u);
     accept(true);
     return {};
   }
@@ -80,20 +94,17 @@ class SymmetricCovarianceFilter {
   const Vector<S, N>& state() const { return x_; }
 
  private:
-  StepReport<S> update(const Model& model, const Output* y, const Matrix<S, N, N>& from, const Vector<S, N>& x,
-                       Matrix<S, N, N>& to, Vector<S, N>& to_x) {
+  /// P_{k|k} into `to`, and the gain into next_gain_.
+  StepReport<S> update_covariance(const Model& model, const Output* y, const Matrix<S, N, N>& from,
+                                  Matrix<S, N, N>& to) {
     W_.noalias() = from.lazyProduct(model.C.transpose());
     Re_ = model.R;
     add_product_upper(Re_, model.C, W_.transpose());
     const S norm = one_norm_symmetric_upper(Re_);
     if (!is_finite(norm)) return failed(Status::overflow, S(0), model, y);
     if (cholesky_upper(Re_) != 0) return failed(Status::not_positive_definite, S(0), model, y);
-    const auto solve = [this](auto& b) {
-      solve_triangular<Triangle::upper, true>(Re_, b);
-      solve_triangular<Triangle::upper, false>(Re_, b);
-    };
-    const S rcond = reciprocal_condition(norm, work_, sign_, solve, solve);
-    if (!(rcond >= tolerance_)) return failed(Status::singular_innovation, rcond, model, y);
+    const auto report = judge_innovation(model, y, norm, Re_);
+    if (!report) return report;
 
     solve_triangular_right<Triangle::upper, false>(Re_, W_);
     next_gain_ = W_;
@@ -111,30 +122,66 @@ class SymmetricCovarianceFilter {
       add_product_upper(to, AP_, reduction_);
     }
     mirror_upper(to);
-    if (y) {
-      innovation_ = *y;
-      innovation_.noalias() -= model.C.lazyProduct(x);
-      to_x = x;
-      to_x.noalias() += next_gain_.lazyProduct(innovation_);
-    }
-    if (!all_finite(to) || (y && !all_finite(to_x)))
-      return failed(Status::overflow, rcond, model, y);
+    return all_finite(to) ? report : failed(Status::overflow, report.rcond, model, y);
+  }
+
+  /// Whether Re of that norm, Re = V'V, is regular.
+  StepReport<S> judge_innovation(const Model& model, const Output* y, const S& norm, const Matrix<S, P, P>& V) {
+    const auto solve = [&V](auto& b) {
+      solve_triangular<Triangle::upper, true>(V, b);
+      solve_triangular<Triangle::upper, false>(V, b);
+    };
+    const S rcond = reciprocal_condition(norm, work_, sign_, solve, solve);
+    if (!(rcond >= tolerance_)) return failed(Status::singular_innovation, rcond, model, y);
     return {Status::ok, rcond};
   }
 
-  /// Into next_ and next_x_; false if they are not finite.
-  bool predict(const Model& model, bool has_state, const Input* u, const Matrix<S, N, N>& from, const Vector<S, N>& x) {
+  /// x_{k|k} by the gain in next_gain_; false if it is not finite.
+  bool update_state(const Model& model, const Output& y, const Vector<S, N>& from, Vector<S, N>& to) {
+    innovation_ = y;
+    innovation_.noalias() -= model.C.lazyProduct(from);
+    to = from;
+    to.noalias() += next_gain_.lazyProduct(innovation_);
+    return all_finite(to);
+  }
+
+  /// Into next_.
+  void predict_covariance(const Model& model, const Matrix<S, N, N>& from) {
     AP_.noalias() = model.A.lazyProduct(from);
     BQ_.noalias() = model.B.lazyProduct(model.Q);
     next_.setZero();
     add_product_upper(next_, BQ_, model.B);
     add_product_upper(next_, AP_, model.A);
     mirror_upper(next_);
-    if (has_state) {
-      next_x_.noalias() = model.A.lazyProduct(x);
-      if (u) next_x_.noalias() += model.D.lazyProduct(*u);
+  }
+
+  /// Into next_x_.
+  void predict_state(const Model& model, const Input* u, const Vector<S, N>& from) {
+    next_x_.noalias() = model.A.lazyProduct(from);
+    if (u) next_x_.noalias() += model.D.lazyProduct(*u);
+  }
+
+  /// P+, the gain, Re and V of a step; false if there are no kernels, or they gave up.
+  bool covariance_by_kernel([[maybe_unused]] const Model& model) {
+    if constexpr (kernels::exist<S>) {
+      using kernels::source, kernels::target;
+      return kernels::run_sized<N, M, P>(kernels::CovarianceStep{.n = P_.rows(),
+                                                                 .m = model.B.cols(),
+                                                                 .p = Re_.rows(),
+                                                                 .joseph = form == MeasurementUpdate::joseph,
+                                                                 .A = source(model.A),
+                                                                 .B = source(model.B),
+                                                                 .C = source(model.C),
+                                                                 .P = source(P_),
+                                                                 .Q = source(model.Q),
+                                                                 .R = source(model.R),
+                                                                 .P_next = target(next_),
+                                                                 .Re = target(Re_),
+                                                                 .V = target(Re_root_),
+                                                                 .K = target(next_gain_),
+                                                                 .work = kernel_work_.data()});
     }
-    return all_finite(next_) && (!has_state || all_finite(next_x_));
+    return false;
   }
 
   void accept(bool has_state) {
@@ -150,6 +197,8 @@ class SymmetricCovarianceFilter {
   Matrix<S, N, P> W_, gain_, next_gain_;
   Vector<S, N> x_, next_x_, filtered_x_;
   Vector<S, P> innovation_, work_, sign_;
+  Matrix<S, P, P> Re_root_;  // V, as kernels leave it
+  Vector<S> kernel_work_;
 };
 
 /// The conventional Kalman filter.

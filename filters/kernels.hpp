@@ -4,6 +4,7 @@
 
 #include <kfstab/filters/kernels/array_kernel.hpp>
 #include <kfstab/filters/kernels/batch_step.hpp>
+#include <kfstab/filters/kernels/covariance_kernel.hpp>
 #include <kfstab/filters/matrix.hpp>
 
 #ifdef KFSTAB_FILTERS_LIBRARY
@@ -26,6 +27,7 @@ struct Kernels {
   std::string_view isa;  ///< "sse2", "avx2", "avx512"; elsewhere "neon" or "generic"
   bool (*array_step)(const ArrayStep&);
   unsigned (*batch_step)(const BatchStep&);
+  bool (*covariance_step)(const CovarianceStep&);
 };
 
 /// Those that this machine can run, the fastest last.
@@ -46,6 +48,11 @@ inline bool run(const ArrayStep& step) {
   return kernels && kernels->array_step(step);
 }
 
+inline bool run(const CovarianceStep& step) {
+  const Kernels* kernels = in_use();
+  return kernels && kernels->covariance_step(step);
+}
+
 /// Which of the eight gave up, as bits.
 inline unsigned run(const BatchStep& step) {
   const Kernels* kernels = in_use();
@@ -54,8 +61,10 @@ inline unsigned run(const BatchStep& step) {
 
 #elif defined(KFSTAB_KERNELS)
 inline bool run(const ArrayStep& step) { return KFSTAB_KERNELS::array_step(step); }
+inline bool run(const CovarianceStep& step) { return KFSTAB_KERNELS::covariance_step(step); }
 #else
 inline bool run(const ArrayStep&) { return false; }
+inline bool run(const CovarianceStep&) { return false; }
 #endif
 
 /// Whether filters of that scalar have kernels.
@@ -82,6 +91,30 @@ Index work_size(Index rows_of_A, Index columns_of_B, Index rows_of_C) {
     if constexpr (KFSTAB_KERNELS::fixed_pays(n, m, p, has_last)) return 0;
 #endif
   return array_step_work(rows_of_A, columns_of_B, rows_of_C);
+}
+
+/// run(step), for sizes that may be known. With fewer states than this the plain text is as fast.
+inline constexpr Index least_states = 4;
+template <int n, int m, int p>
+bool run_sized(const CovarianceStep& step) {
+  if (step.n < least_states) return false;
+#ifdef KFSTAB_KERNELS
+  if constexpr (n != Dynamic && m != Dynamic && p != Dynamic)
+    if constexpr (KFSTAB_KERNELS::fixed_covariance_pays(n, m, p))
+      return KFSTAB_KERNELS::fixed_covariance_step<n, m, p>(step);
+#endif
+  return run(step);
+}
+
+/// How much workspace that needs.
+template <class Scalar, int n, int m, int p>
+Index work_size(const Dimensions& d, bool joseph) {
+  if constexpr (!exist<Scalar>) return 0;
+#ifdef KFSTAB_KERNELS
+  if constexpr (n != Dynamic && m != Dynamic && p != Dynamic)
+    if constexpr (KFSTAB_KERNELS::fixed_covariance_pays(n, m, p)) return 0;
+#endif
+  return covariance_step_work(d.n, d.m, d.p, joseph);
 }
 
 /// Eigen's matrices as kernels see them. Those of one row are stored row by row, which for them is column by column.

@@ -6,6 +6,7 @@
 
 #include <kfstab/filters/kernels.hpp>
 #include <kfstab/filters/kernels/batch_kernel.hpp>
+#include <kfstab/filters/kernels/covariance_kernel.hpp>
 
 namespace kfstab::kernels {
 
@@ -13,20 +14,24 @@ namespace kfstab::kernels {
 namespace sse2 {
 bool library_array_step(const ArrayStep&);
 unsigned library_batch_step(const BatchStep&);
+bool library_covariance_step(const CovarianceStep&);
 }  // namespace sse2
 namespace avx2 {
 bool library_array_step(const ArrayStep&);
 unsigned library_batch_step(const BatchStep&);
+bool library_covariance_step(const CovarianceStep&);
 }  // namespace avx2
 namespace avx512 {
 bool library_array_step(const ArrayStep&);
 unsigned library_batch_step(const BatchStep&);
+bool library_covariance_step(const CovarianceStep&);
 }  // namespace avx512
 
 namespace {
-constexpr Kernels all[] = {{"sse2", sse2::library_array_step, sse2::library_batch_step},
-                           {"avx2", avx2::library_array_step, avx2::library_batch_step},
-                           {"avx512", avx512::library_array_step, avx512::library_batch_step}};
+constexpr Kernels all[] = {
+    {"sse2", sse2::library_array_step, sse2::library_batch_step, sse2::library_covariance_step},
+    {"avx2", avx2::library_array_step, avx2::library_batch_step, avx2::library_covariance_step},
+    {"avx512", avx512::library_array_step, avx512::library_batch_step, avx512::library_covariance_step}};
 
 std::size_t count() {
   __builtin_cpu_init();
@@ -45,8 +50,8 @@ std::span<const Kernels> available() {
 std::span<const Kernels> available() {
 #define KFSTAB_NAME_OF(isa) #isa
 #define KFSTAB_NAME(isa) KFSTAB_NAME_OF(isa)
-  static constexpr Kernels only[] = {
-      {KFSTAB_NAME(KFSTAB_KERNELS), KFSTAB_KERNELS::array_step, KFSTAB_KERNELS::batch_step}};
+  static constexpr Kernels only[] = {{KFSTAB_NAME(KFSTAB_KERNELS), KFSTAB_KERNELS::array_step,
+                                      KFSTAB_KERNELS::batch_step, KFSTAB_KERNELS::covariance_step}};
   return only;
 }
 

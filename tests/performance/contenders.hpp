@@ -36,6 +36,8 @@ using Maybe = std::optional<Contender>;
 
 /// Ours, sizes known at run time: as the built library has it, with the kernels that it chooses when it runs.
 Maybe ours_dynamic(const std::string& filter, const System& system, bool gain);
+/// Ours, 64 filters of one shape at once.
+Maybe ours_batch(const System& system, bool gain);
 /// Ours, sizes known to the compiler: a header, compiled with -O3 -march=native.
 Maybe ours_fixed(const std::string& filter, const System& system, bool gain);
 

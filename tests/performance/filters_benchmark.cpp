@@ -25,9 +25,7 @@
 #include <Eigen/LU>
 #include <nlohmann/json.hpp>
 
-#include <kfstab/experiments/context.hpp>
-#include <kfstab/experiments/cost.hpp>
-#include <kfstab/filters/registry.hpp>
+#include <kfstab/filters/kernels.hpp>
 #include <kfstab/reports/files.hpp>
 #include <kfstab/reports/markdown.hpp>
 #include <kfstab/reports/number.hpp>
@@ -93,15 +91,27 @@ struct Routine {
   const char* peer;
   bool gain;  ///< of both; for FB01SD and FB01TD, which have none, the state
   const char* title;
+  /// Multiply-adds of a step, theory (5).
+  double (*operations)(double n, double m, double p);
 };
 
+constexpr double srcf_operations(double n, double m, double p) {
+  return 7 * n * n * n / 6 + n * n * (5 * p / 2 + m) + n * (p * p + m * m / 2);
+}
+
 constexpr std::array routines = {
-    Routine{"srcf", "FB01QD", true, "srcf, with gain"},
-    Routine{"srcf", "FB01QD", false, "srcf, without gain"},
-    Routine{"srcf-hessenberg", "FB01RD", true, "srcf-hessenberg, with gain"},
-    Routine{"srif", "FB01SD", true, "srif, with state and gain"},
-    Routine{"srif-hessenberg", "FB01TD", true, "srif-hessenberg, with state and gain"},
-    Routine{"ckf", "FB01VD", true, "ckf"},
+    Routine{"srcf", "FB01QD", true, "srcf, with gain", srcf_operations},
+    Routine{"srcf", "FB01QD", false, "srcf, without gain", srcf_operations},
+    Routine{"srcf-hessenberg", "FB01RD", true, "srcf-hessenberg, with gain",
+            [](double n, double m, double p) { return n * n * n / 6 + n * n * (5 * p / 2 + m) + n * p * p; }},
+    Routine{"srif", "FB01SD", true, "srif, with state and gain",
+            [](double n, double m, double p) {
+              return 7 * n * n * n / 6 + n * n * (5 * m / 2 + 2 * p) + n * (p * p / 2 + m * m);
+            }},
+    Routine{"srif-hessenberg", "FB01TD", true, "srif-hessenberg, with state and gain",
+            [](double n, double m, double p) { return n * n * n / 6 + n * n * (3 * m / 2 + 3 * p) + n * m * m; }},
+    Routine{"ckf", "FB01VD", true, "ckf",
+            [](double n, double m, double p) { return 3 * n * n * n / 2 + n * n * (3 * p + m) / 2; }},
 };
 
 /// One routine at one size, and the medians of its runs so far.
@@ -144,6 +154,7 @@ std::vector<Column> columns_of(const Case& c, const System& system) {
   };
   add("fixed", "fixed", true, ours_fixed(filter, system, routine.gain));
   add("dynamic", "dynamic", true, ours_dynamic(filter, system, routine.gain));
+  if (filter == "srcf" && c.shape.n <= 32) add("batch", "batch", true, ours_batch(system, routine.gain));
   add(routine.peer, "", false, slicot(routine.peer, system, routine.gain));
   if (filter == "srcf") {
     add("Eigen QR", "fixed", false, eigen_qr_fixed(system, routine.gain));
@@ -239,8 +250,7 @@ void measure(const Case& c, Rows& rows) {
   compare(c, columns);
   const Maybe limit = dgemm();
   const auto rounds = rounds_of(columns, limit);
-  const double operations =
-      kfstab::experiments::operations(*kfstab::find_filter(c.routine->filter), {c.shape.n, c.shape.m, c.shape.p});
+  const double operations = c.routine->operations(c.shape.n, c.shape.m, c.shape.p);
   const double cube = std::pow(dgemm_order, 3);
   for (std::size_t i = 0; i < columns.size(); ++i) {
     if (!columns[i].ours) continue;
@@ -444,8 +454,14 @@ void draw(const kfstab::reports::Figure& figure, const std::filesystem::path& im
 
 constexpr int runs = 3;
 
+std::string kernels() {
+  const auto* in_use = kfstab::kernels::in_use();
+  return in_use ? std::string(in_use->isa) : "plain";
+}
+
 std::string report(const std::vector<Case>& cases, const Rows& rows, bool with_figures) {
-  std::string text = fmt::format("On {}. SLICOT 5.0 with {}, one thread.\n", processor(), blas());
+  std::string text =
+      fmt::format("On {}, our kernels for {}. SLICOT 5.0 with {}, one thread.\n", processor(), kernels(), blas());
   if (const auto table = targets_table(rows); !table.rows.empty())
     text += "\nWhat was to be reached:\n\n" + kfstab::reports::render_markdown(table);
   for (const Routine& routine : routines) {
@@ -464,7 +480,8 @@ std::string json_of(const Rows& rows) {
   Json json;
   json["schema"] = "kfstab.benchmark/1";
   Json& context = json["context"];
-  for (const auto& [name, value] : kfstab::experiments::context()) context[name] = value;
+  context["processor"] = processor();
+  context["kernels"] = kernels();
   context["blas"] = blas();
   context["runs"] = runs;
   json["rows"] = Json::array();

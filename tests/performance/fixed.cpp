@@ -22,7 +22,7 @@ void set(To& to, const std::vector<double>& numbers) {
 }
 
 template <class Filter>
-Maybe started(const System& s) {
+Maybe started(const System& s, bool gain) {
   using Model = typename Filter::Model;
   constexpr auto parametrisation = Model::parametrisation;
   struct Run {
@@ -59,9 +59,12 @@ Maybe started(const System& s) {
   }
   run->filter.start(initial, x0);
   if constexpr (parametrisation == Parametrisation::information) run->filter.measurement_update(model, &run->y);
-  return Contender{[run] {
+  const auto wanted = gain ? kfstab::Wanted::all : kfstab::Wanted::factor;
+  return Contender{[run, wanted] {
                      if constexpr (parametrisation == Parametrisation::information)
                        return static_cast<bool>(run->filter.step(run->model, run->model, &run->y));
+                     else if constexpr (parametrisation == Parametrisation::root)
+                       return static_cast<bool>(run->filter.step(run->model, nullptr, nullptr, wanted));
                      else
                        return static_cast<bool>(run->filter.step(run->model));
                    },
@@ -78,27 +81,27 @@ Maybe started(const System& s) {
 }
 
 template <int n, int half>
-Maybe of_size(const std::string& filter, const System& system) {
-  if (filter == "ckf") return started<kfstab::ConventionalFilter<double, n, half, half>>(system);
-  if (filter == "srcf") return started<kfstab::SquareRootCovarianceFilter<double, n, half, half>>(system);
-  if (filter == "srif") return started<kfstab::SquareRootInformationFilter<double, n, half, half>>(system);
+Maybe of_size(const std::string& filter, const System& system, bool gain) {
+  if (filter == "ckf") return started<kfstab::ConventionalFilter<double, n, half, half>>(system, gain);
+  if (filter == "srcf") return started<kfstab::SquareRootCovarianceFilter<double, n, half, half>>(system, gain);
+  if (filter == "srif") return started<kfstab::SquareRootInformationFilter<double, n, half, half>>(system, gain);
   if (filter == "srcf-hessenberg")
-    return started<kfstab::HessenbergSquareRootCovarianceFilter<double, n, half, half>>(system);
+    return started<kfstab::HessenbergSquareRootCovarianceFilter<double, n, half, half>>(system, gain);
   if (filter == "srif-hessenberg")
-    return started<kfstab::HessenbergSquareRootInformationFilter<double, n, half, half>>(system);
+    return started<kfstab::HessenbergSquareRootInformationFilter<double, n, half, half>>(system, gain);
   return std::nullopt;
 }
 
 }  // namespace
 
-Maybe ours_fixed(const std::string& filter, const System& system, bool) {
+Maybe ours_fixed(const std::string& filter, const System& system, bool gain) {
   const auto [n, m, p] = system.shape;
   if (m != n / 2 || p != n / 2) return std::nullopt;
   switch (n) {
-    case 2: return of_size<2, 1>(filter, system);
-    case 4: return of_size<4, 2>(filter, system);
-    case 8: return of_size<8, 4>(filter, system);
-    case 16: return of_size<16, 8>(filter, system);
+    case 2: return of_size<2, 1>(filter, system, gain);
+    case 4: return of_size<4, 2>(filter, system, gain);
+    case 8: return of_size<8, 4>(filter, system, gain);
+    case 16: return of_size<16, 8>(filter, system, gain);
     default: return std::nullopt;
   }
 }

@@ -3,6 +3,7 @@
 #include <memory>
 
 #include <kfstab/filters/any_filter.hpp>
+#include <kfstab/filters/batch.hpp>
 #include <kfstab/filters/registry.hpp>
 
 #include "contenders.hpp"
@@ -60,6 +61,26 @@ kfstab::AnyProblem<double> problem_for(kfstab::Parametrisation parametrisation, 
   return problem(model, s.T0);
 }
 
+using Roots = kfstab::Problem<kfstab::RootModel<double>>;
+
+Maybe srcf_without_gain(const System& system) {
+  struct Run {
+    Roots problem;
+    kfstab::SquareRootCovarianceFilter<double> filter;
+  };
+  const auto problem = std::get<Roots>(problem_for(kfstab::Parametrisation::root, system));
+  auto run = std::make_shared<Run>(Run{problem, kfstab::SquareRootCovarianceFilter<double>(problem.dimensions())});
+  run->filter.start(problem.initial, problem.x0);
+  return Contender{
+      [run] {
+        return static_cast<bool>(run->filter.step(run->problem.models[0], nullptr, nullptr, kfstab::Wanted::factor));
+      },
+      [run] {
+        const Matrix P = run->filter.factor() * run->filter.factor().transpose();
+        return std::vector<double>(P.data(), P.data() + P.size());
+      }};
+}
+
 struct Run {
   kfstab::AnyProblem<double> problem;
   std::unique_ptr<kfstab::AnyFilter<double>> filter;
@@ -70,7 +91,8 @@ struct Run {
 
 }  // namespace
 
-Maybe ours_dynamic(const std::string& id, const System& system, bool) {
+Maybe ours_dynamic(const std::string& id, const System& system, bool gain) {
+  if (id == "srcf" && !gain) return srcf_without_gain(system);
   auto run = std::make_shared<Run>();
   const kfstab::Metadata& metadata = *kfstab::find_filter(id);
   run->problem = problem_for(metadata.takes, system);
@@ -92,6 +114,25 @@ Maybe ours_dynamic(const std::string& id, const System& system, bool) {
                                                                          : Matrix(X.transpose() * X);
                      return std::vector<double>(product.data(), product.data() + product.size());
                    }};
+}
+
+Maybe ours_batch(const System& system, bool gain) {
+  constexpr int count = 64;
+  const auto problem = std::get<Roots>(problem_for(kfstab::Parametrisation::root, system));
+  auto batch = std::make_shared<kfstab::SquareRootCovarianceBatch>(count, problem.dimensions());
+  for (int i = 0; i < count; ++i) {
+    batch->start(i, problem.initial, problem.x0);
+    batch->set_model(i, problem.models[0]);
+  }
+  return Contender{[=] {
+                     batch->step(false, gain ? kfstab::Wanted::all : kfstab::Wanted::factor);
+                     return static_cast<bool>(batch->report(0));
+                   },
+                   [=] {
+                     const Matrix S = batch->factor(0), P = S * S.transpose();
+                     return std::vector<double>(P.data(), P.data() + P.size());
+                   },
+                   count};
 }
 
 }  // namespace performance

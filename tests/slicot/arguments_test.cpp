@@ -466,6 +466,7 @@ TEST(Arguments, InformationStepIsThatOfTheFilter) {
 }
 
 TEST(Arguments, ConventionalStepIsThatOfTheFilter) {
+  const WithKernels with("plain");
   for_small_sizes([](Dice& dice, int n, int m, int l) {
     ConventionalStep call(dice, n, m, l);
     const auto symmetric = [](const Array& X) {

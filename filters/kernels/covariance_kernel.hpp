@@ -1,0 +1,271 @@
+#pragma once
+
+#include <kfstab/filters/kernels/array_kernel.hpp>
+#include <kfstab/filters/kernels/covariance_step.hpp>
+
+#ifdef KFSTAB_KERNELS
+
+/// CovarianceStep by vectors. All of it is products X Y', and all matrices are held in strips (array_kernel.hpp): `width`
+/// rows, column after column. So a column of a strip is a vector where the matrix stands on the left, and the entries that
+/// belong to `width` columns of the product where it stands on the right, and nothing is ever packed anew. A tile of the
+/// product, R strips high and `width` columns wide, is summed in registers.
+///
+/// What must be symmetric is computed as a triangle of tiles and mirrored. Where Re is not positive definite, or a result
+/// not finite, the kernel gives up, and the caller takes the plain text, which says what is wrong.
+namespace kfstab::kernels::KFSTAB_KERNELS {
+
+/// The strips that hold so many rows.
+template <Index Rows>
+KFSTAB_INLINE constexpr auto strips_of(Constant<Rows>) {
+  return Constant<(Rows + width - 1) / width>{};
+}
+KFSTAB_INLINE constexpr Index strips_of(Index rows) { return (rows + width - 1) / width; }
+
+template <Index...>
+struct LaneList {};
+#if KFSTAB_VECTOR_WIDTH == 8
+using AllLanes = LaneList<0, 1, 2, 3, 4, 5, 6, 7>;
+#elif KFSTAB_VECTOR_WIDTH == 4
+using AllLanes = LaneList<0, 1, 2, 3>;
+#else
+using AllLanes = LaneList<0, 1>;
+#endif
+
+/// Lanes whose number has the bit `half` change places with those of b that have not: blocks of 2 x 2 blocks, transposed.
+template <Index half, Index... L>
+KFSTAB_INLINE void exchange(V& a, V& b, LaneList<L...>) {
+  const V first = __builtin_shufflevector(a, b, ((L & half) ? width + L - half : L)...);
+  b = __builtin_shufflevector(a, b, ((L & half) ? width + L : L + half)...);
+  a = first;
+}
+
+/// Transposes the matrix that has these columns.
+template <Index half = width / 2>
+KFSTAB_INLINE void transpose(V (&columns)[width]) {
+  each(zero, Constant<width>{}, [&](auto i) KFSTAB_INLINED {
+    constexpr Index I = decltype(i)::value;
+    if constexpr ((I & half) == 0) exchange<half>(columns[I], columns[I + half], AllLanes{});
+  });
+  if constexpr (half > 1) transpose<half / 2>(columns);
+}
+
+/// Which strips of a symmetric product are wanted.
+enum class Part { all, lower, upper };
+
+/// out(s, j) = sum over k < count of x(s, k) y(j, k), for j < columns and s from `first` to `last`, where the part has them.
+///
+/// Long sums are done a piece at a time, for as many columns as keep the strips of X in the nearest cache meanwhile.
+template <Part part, class Columns, class Count>
+KFSTAB_INLINE void multiply_sized(const Strips& out, const Strips& x, Index first, Index last, const Strips& y,
+                                  Columns columns, Count count) {
+  constexpr Index depth = 192, breadth = 8;
+  for (Index t0 = 0; t0 * width < columns; t0 += breadth) {
+    const Index t_end = least(t0 + breadth, strips_of(columns));
+    const Index from = part == Part::lower ? greatest(first, t0) : first;
+    const Index to = part == Part::upper ? least(last, t_end) : last;
+    each_group(from, to, most_strips, [&](auto R, Index s) KFSTAB_INLINED {
+      for (Index k0 = 0; k0 == 0 || k0 < count; k0 += depth)
+        for (Index t = t0; t < t_end; ++t) {
+          if (part == Part::lower && s + R <= t) break;
+          if (part == Part::upper && s > t) continue;
+          V sum[decltype(R)::value][width];
+          const Index j = t * width;
+          each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
+            each(zero, R,
+                 [&](auto i) KFSTAB_INLINED { sum[i][q] = k0 > 0 && j + q < columns ? out(s + i, j + q) : V{}; });
+          });
+          const Strips left = x.at(s, 0), right = y.at(t, 0);
+          for (Index k = k0; k < least(k0 + depth, count); ++k)
+            add_outer<decltype(R)::value>(sum, left, k, right.entries(k));
+          each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
+            if (j + q < columns) each(zero, R, [&](auto i) KFSTAB_INLINED { out(s + i, j + q) = sum[i][q]; });
+          });
+        }
+    });
+  }
+}
+
+/// multiply_sized, compiled once for all sizes that are not known.
+template <Part part, class Columns, class Count>
+KFSTAB_INLINE void multiply(const Strips& out, const Strips& x, Index first, Index last, const Strips& y,
+                            Columns columns, Count count) {
+  multiply_sized<part>(out, x, first, last, y, columns, count);
+}
+template <Part part>
+__attribute__((noinline)) inline void multiply(const Strips& out, const Strips& x, Index first, Index last,
+                                               const Strips& y, Index columns, Index count) {
+  multiply_sized<part>(out, x, first, last, y, columns, count);
+}
+
+/// The tile of x in strip s and columns t width ..., transposed, into strip t of `to`. One on the diagonal of a symmetric
+/// matrix, x = to, s = t, gets its upper triangle from its lower one if that is the part, or else its lower from the upper.
+template <Part of_diagonal = Part::all>
+KFSTAB_INLINE void transpose_tile(const Strips& x, Index s, Index rows, Index t, Index columns, const Strips& to) {
+  V tile[width], turned[width];
+  each(zero, Constant<width>{},
+       [&](auto q) KFSTAB_INLINED { tile[q] = turned[q] = t * width + q < columns ? x(s, t * width + q) : V{}; });
+  transpose(turned);
+  for (Index l = 0; l < least(rows - s * width, width); ++l) {
+    const bool diagonal = of_diagonal != Part::all && s == t;
+    const auto kept = of_diagonal == Part::lower ? lane_numbers >= l : lane_numbers <= l;
+    if (diagonal) turned[l] = kept ? tile[l] : turned[l];
+    to(t, s * width + l) = turned[l];
+  }
+}
+
+/// The `width` columns of [Re; W] that strip t stands for, by Cholesky's method: what the columns before them take away, then
+/// the columns among themselves. False if a pivot is not positive.
+template <class P>
+KFSTAB_INLINE bool factor_columns(const Strips& H, Index t, Index last, P p) {
+  const Index j = t * width, columns = least(p - j, width);
+  bool definite = true;
+  V inverse[width] = {};
+  const auto strip = [&](Index s, const V(&sum)[width], bool diagonal) KFSTAB_INLINED {
+    each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
+      if (q >= columns) return;
+      V column = H(s, j + q) - sum[q];
+      each(zero, q,
+           [&](auto k) KFSTAB_INLINED { column = fma(-H(s, j + k), splat(H.at(t, 0).entries(j + k)[q]), column); });
+      if (diagonal) {
+        const double pivot = lane<decltype(q)::value>(column)[0];
+        definite = definite && pivot > 0;
+        inverse[q] = splat(1 / root(pivot));
+      }
+      H(s, j + q) = column * inverse[q];
+    });
+  };
+  const auto group = [&](auto R, Index s) KFSTAB_INLINED {
+    V sum[decltype(R)::value][width] = {};
+    const Strips left = H.at(s, 0), right = H.at(t, 0);
+    for (Index k = 0; k < j; ++k) add_outer<decltype(R)::value>(sum, left, k, right.entries(k));
+    each(zero, R, [&](auto i) KFSTAB_INLINED { strip(s + i, sum[i], s + i == t); });
+  };
+  group(one, t);
+  each_group(t + 1, last, most_strips, group);
+  return definite;
+}
+
+/// Sizes are Constants, or known at run time. False: it gave up, and what it was to write is undefined.
+template <class N, class M, class P>
+KFSTAB_INLINE bool covariance_step(N n, M m, P p, const CovarianceStep& step, V* work) {
+  const auto n_strips = strips_of(n), p_strips = strips_of(p), m_strips = strips_of(m);
+  const auto take = [&](Index strips, Index length) KFSTAB_INLINED {
+    const Strips taken{work, length};
+    work += strips * length;
+    return taken;
+  };
+  const Strips AB = take(n_strips, n + m), product = take(n_strips, n + greatest(m, p)), F = take(n_strips, n),
+               C = take(p_strips, n), CP = take(p_strips, n), Q = take(m_strips, m), H = take(p_strips + n_strips, p),
+               W = H.at(p_strips, 0);
+
+  V difference{};  // x - x of all results: not 0 where one is not finite
+  const auto load_rows = [&](const Strips& to, const Source& X, Index rows, Index columns) KFSTAB_INLINED {
+    for (Index s = 0; s * width < rows; ++s)
+      for (Index k = 0; k < columns; ++k)
+        to(s, k) = load(X.data + s * width + k * X.leading, 1, 0, least(rows - s * width, width));
+  };
+  // The transpose of a matrix, or what is symmetric by its upper triangle: from row `low` on.
+  const auto load_row = [&](const Source& X, Index s, Index k, Index low, Index rows) KFSTAB_INLINED {
+    return load(X.data + k + s * width * X.leading, X.leading, greatest(low - s * width, 0),
+                least(rows - s * width, width));
+  };
+  const auto store_row = [&](const Target& X, Index s, Index k, Index low, Index rows, V column) KFSTAB_INLINED {
+    difference += column - column;
+    store(X.data + k + s * width * X.leading, X.leading, greatest(low - s * width, 0), least(rows - s * width, width),
+          column);
+  };
+  const auto store_column = [&](const Target& X, Index s, Index j, V column) KFSTAB_INLINED {
+    difference += column - column;
+    store(X.data + s * width + j * X.leading, 1, 0, least(n - s * width, width), column);
+  };
+  load_rows(AB, step.A, n, n);
+  load_rows(AB.at(0, n), step.B, n, m);
+  load_rows(C, step.C, p, n);
+  load_rows(F, step.P, n, n);
+  for (Index s = 0; s < m_strips; ++s)
+    for (Index k = 0; k < m; ++k) Q(s, k) = load_row(step.Q, s, k, 0, m);
+
+  // H = [Re; W], Re = R + C P C' by its lower triangle, W still P C'
+  multiply<Part::all>(W, F, 0, n_strips, C, p, n);
+  for (Index s = 0; s < n_strips; ++s)
+    for (Index t = 0; t < p_strips; ++t) transpose_tile(W, s, n, t, p, CP);
+  multiply<Part::lower>(H, CP, 0, p_strips, C, p, n);
+  for (Index s = 0; s < p_strips; ++s)
+    for (Index j = 0; j < least(p, (s + 1) * width); ++j) {
+      H(s, j) += load_row(step.R, s, j, j, p);
+      store_row(step.Re, s, j, j, p, H(s, j));
+    }
+
+  // H := [V'; W], W = P C' V^{-1}
+  for (Index t = 0; t < p_strips; ++t)
+    if (!factor_columns(H, t, p_strips + n_strips, p)) return false;
+  for (Index s = 0; s < p_strips; ++s)
+    for (Index j = 0; j < least(p, (s + 1) * width); ++j) store_row(step.V, s, j, j, p, H(s, j));
+
+  // P_{k|k}, in the place of P, by its lower triangle
+  const auto divide = [&]() KFSTAB_INLINED {  // W := Kf, Kf V' = W
+    pack_lower(Layout{true}, {step.V.data, step.V.leading}, p, work);
+    each_group(0, n_strips, most_strips,
+               [&](auto R, Index s) KFSTAB_INLINED { divide_strips<decltype(R)::value>(W.at(s, 0), work, p); });
+  };
+  if (step.joseph) {
+    const Strips JK = take(n_strips, n + p), CR = take(greatest(n_strips, p_strips), p);
+    divide();
+    for (Index s = 0; s < n_strips; ++s)
+      for (Index k = 0; k < p; ++k) CR(s, k) = load_row(step.C, s, k, 0, n);  // C'
+    multiply<Part::all>(JK, W, 0, n_strips, CR, n, p);
+    for (Index s = 0; s < n_strips; ++s) {
+      for (Index j = 0; j < n; ++j) JK(s, j) = (lane_numbers + s * width == j ? splat(1) : V{}) - JK(s, j);
+      for (Index j = 0; j < p; ++j) JK(s, n + j) = W(s, j);
+    }
+    for (Index s = 0; s < p_strips; ++s)
+      for (Index k = 0; k < p; ++k) CR(s, k) = load_row(step.R, s, k, 0, p);
+    multiply<Part::all>(product, JK, 0, n_strips, F, n, n);
+    multiply<Part::all>(product.at(0, n), W, 0, n_strips, CR, p, p);
+    multiply<Part::lower>(F, product, 0, n_strips, JK, n, n + p);
+  } else {
+    multiply<Part::lower>(product, W, 0, n_strips, W, n, p);
+    for (Index s = 0; s < n_strips; ++s)
+      for (Index j = 0; j < least(n, (s + 1) * width); ++j) F(s, j) -= product(s, j);
+    if (step.K.data) divide();
+  }
+  for (Index s = 0; s < n_strips; ++s)
+    for (Index t = 0; t <= s; ++t) transpose_tile<Part::lower>(F, s, n, t, n, F);
+  if (step.K.data)
+    for (Index s = 0; s < n_strips; ++s)
+      for (Index j = 0; j < p; ++j) store_column(step.K, s, j, W(s, j));
+
+  // P+ = [A P_{k|k}, B Q] [A, B]', by its upper triangle
+  multiply<Part::all>(product, AB, 0, n_strips, F, n, n);
+  multiply<Part::all>(product.at(0, n), AB.at(0, n), 0, n_strips, Q, m, m);
+  multiply<Part::upper>(F, product, 0, n_strips, AB, n, n + m);
+  for (Index t = 0; t < n_strips; ++t)
+    for (Index s = 0; s <= t; ++s) {
+      transpose_tile<Part::upper>(F, s, n, t, n, F);
+      for (Index j = t * width; j < least(n, (t + 1) * width); ++j) store_column(step.P_next, s, j, F(s, j));
+      if (s < t)
+        for (Index j = s * width; j < (s + 1) * width; ++j) store_column(step.P_next, t, j, F(t, j));
+    }
+  return all_zero(difference);
+}
+
+/// For sizes that are known at run time.
+inline bool covariance_step(const CovarianceStep& step) {
+  // Aligned by hand: what a caller has is aligned for doubles alone.
+  const std::size_t beyond = reinterpret_cast<std::size_t>(step.work) % sizeof(V);
+  auto* const work = reinterpret_cast<V*>(reinterpret_cast<char*>(step.work) + (sizeof(V) - beyond) % sizeof(V));
+  return covariance_step(step.n, step.m, step.p, step, work);
+}
+
+/// Whether sizes that are known at compile time are best done by a kernel of their own.
+constexpr bool fixed_covariance_pays(Index n, Index m, Index p) { return n <= 16 && m <= 16 && p <= 16; }
+
+template <Index N, Index M, Index P>
+KFSTAB_INLINE bool fixed_covariance_step(const CovarianceStep& step) {
+  V work[covariance_step_work(N, M, P, true) / width];
+  return covariance_step(Constant<N>{}, Constant<M>{}, Constant<P>{}, step, work);
+}
+
+}  // namespace kfstab::kernels::KFSTAB_KERNELS
+
+#endif
