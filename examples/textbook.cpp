@@ -50,7 +50,8 @@ struct Request {
   std::string op;
   std::map<std::string, std::vector<double>, std::less<>> fields;
 
-  explicit Request(std::string_view line) {
+  void read(std::string_view line) {
+    for (auto& [name, numbers] : fields) numbers.clear();
     const char *at = line.data(), *end = at + line.size();
     while (at < end) {
       const char* name = static_cast<const char*>(memchr(at, '"', static_cast<size_t>(end - at)));
@@ -65,7 +66,9 @@ struct Request {
         at = last + 1;
         continue;
       }
-      std::vector<double>& numbers = fields[std::string(key)];
+      auto field = fields.find(key);
+      if (field == fields.end()) field = fields.emplace(key, std::vector<double>()).first;
+      std::vector<double>& numbers = field->second;
       for (int depth = 0; at < end; ++at) {
         if (*at == '[') ++depth;
         if (*at == ']') --depth;
@@ -79,7 +82,10 @@ struct Request {
     }
   }
 
-  bool has(std::string_view name) const { return fields.find(name) != fields.end(); }
+  bool has(std::string_view name) const {
+    const auto field = fields.find(name);
+    return field != fields.end() && !field->second.empty();
+  }
   int integer(std::string_view name) const { return static_cast<int>(fields.find(name)->second.front()); }
   Matrix matrix(std::string_view name, Eigen::Index rows, Eigen::Index cols) const {
     return Eigen::Map<const Eigen::Matrix<double, -1, -1, Eigen::RowMajor>>(fields.find(name)->second.data(), rows,
@@ -122,9 +128,11 @@ int main() {
   std::ios::sync_with_stdio(false);
   Filter filter;
   Eigen::Index n = 0, m = 0;
+  Request request;
+  std::string reply;
   for (std::string line; std::getline(std::cin, line);) {
-    const Request request(line);
-    std::string reply;
+    request.read(line);
+    reply.clear();
     if (request.op == "stop") break;
     if (request.op == "hello") {
       reply = "{\"name\":\"textbook (C++)\",\"cycle\":\"update-predict\",\"gain\":\"filter\"}";

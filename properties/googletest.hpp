@@ -77,12 +77,13 @@ class TestedFilter {
 
 class LawTest : public ::testing::Test {
  public:
-  LawTest(std::shared_ptr<TestedFilter> filter, Law law) : filter_(std::move(filter)), law_(std::move(law)) {}
+  LawTest(std::shared_ptr<TestedFilter> filter, Law law, const char* file, int line)
+      : filter_(std::move(filter)), law_(std::move(law)), file_(file), line_(line) {}
 
   void TestBody() override {
     const LawOutcome& outcome = filter_->outcome(law_);
     if (outcome.failure)
-      ADD_FAILURE() << failure_message(outcome) << filter_->diagnosis();
+      ADD_FAILURE_AT(file_, line_) << failure_message(outcome) << filter_->diagnosis();
     else if (outcome.cases == 0)
       GTEST_SKIP() << law_.id << " applied to none of the systems";
   }
@@ -90,6 +91,8 @@ class LawTest : public ::testing::Test {
  private:
   std::shared_ptr<TestedFilter> filter_;
   Law law_;
+  const char* file_;
+  int line_;
 };
 
 /// "gain-optimality" as a test's name: GainOptimality. A '-' is an operator of --gtest_filter.
@@ -118,7 +121,7 @@ inline bool register_tests(const std::string& name, std::function<std::unique_pt
     if (std::isalnum(static_cast<unsigned char>(c))) suite += c;
   for (const Law& law : all_laws())
     ::testing::RegisterTest(suite.c_str(), detail::test_name(law.id).c_str(), nullptr, nullptr, file, line,
-                            [filter, law]() -> ::testing::Test* { return new detail::LawTest(filter, law); });
+                            [=]() -> ::testing::Test* { return new detail::LawTest(filter, law, file, line); });
   return true;
 }
 
