@@ -401,8 +401,9 @@ void Comparison::add_order(std::int64_t step, std::string_view name, const Matri
 
 namespace {
 
-/// Whether some number is so small that its square underflows: then scaling rounds.
-bool too_small(const Matrix<double>& X) { return (X.array() != 0 && X.array().abs() < std::ldexp(1.0, -500)).any(); }
+/// Whether some number is so small that kernels hand what it stands in over to the plain text (its square is not safe), which
+/// sums in another order, or that its square underflows: then scaling may change bits.
+bool too_small(const Matrix<double>& X) { return (X.array() != 0 && X.array().abs() < std::ldexp(1.0, -230)).any(); }
 
 bool too_small(const Answer& answer) {
   return too_small(answer.held) || (answer.gain && too_small(*answer.gain)) ||

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstdio>
+#include <cstdlib>
 #include <exception>
 #include <string>
 #include <system_error>
@@ -285,6 +286,9 @@ void complain(const std::string& message) { std::fputs(("kfstab: " + message + "
 }  // namespace
 
 int main(int argc, char** argv) {
+  // The laboratory studies the filters as their text has them, on every machine alike; kernels are for whoever links to them,
+  // and here for who asks.
+  ::setenv("KFSTAB_ISA", "plain", 0);
   kfstab::reports::ignore_file_signals();
   // Not a command for people: the process in which --plugin loads a library.
   if (argc == 3 && argv[1] == std::string_view("plugin-host")) return kfstab::properties::serve_plugin(argv[2]);

@@ -204,8 +204,9 @@ TEST_F(Tool, HelpAndVersionGoToStdout) {
 }
 
 TEST_F(Tool, ListsSystemsFiltersAndClaims) {
-  const auto systems = run({"list", "systems"}), filters = run({"list", "filters"}), claims = run({"list", "claims"});
-  for (const auto& outcome : {systems, filters, claims}) {
+  const auto systems = run({"list", "systems"}), filters = run({"list", "filters"}), claims = run({"list", "claims"}),
+             laws = run({"list", "laws"});
+  for (const auto& outcome : {systems, filters, claims, laws}) {
     EXPECT_EQ(outcome.exit_code, 0);
     EXPECT_EQ(outcome.err, "");
   }
@@ -214,7 +215,7 @@ TEST_F(Tool, ListsSystemsFiltersAndClaims) {
   for (const auto& metadata : kfstab::filters()) EXPECT_TRUE(has_row(filters.out, metadata.id)) << metadata.id;
   for (const auto& claim : kfstab::experiments::all_claims())
     EXPECT_NE(claims.out.find(claim.id), std::string::npos) << claim.id;
-  EXPECT_EQ(run({"list"}).out, systems.out + "\n" + filters.out + "\n" + claims.out);
+  EXPECT_EQ(run({"list"}).out, systems.out + "\n" + filters.out + "\n" + claims.out + "\n" + laws.out);
 }
 
 // Wrong usage: always 2, never one of CLI11's own codes, with a word about it on stderr and nothing on stdout.

@@ -423,12 +423,13 @@ TEST(Fingerprint, AFaultOnAnOrdinarySystemIsOne) {
 }
 
 TEST(Fingerprint, WhoDiesOnALadderBreaksDownThere) {
-  // det Re = 8 d^2 nearly, theory (6.3), in the first step, and about 2 d^2 in the last of four.
+  // In the first of four steps det Re = 8 d^2 nearly, theory (6.3). In the last, P = (I + 3 C'C/d^2)^{-1}: of the directions of C,
+  // with singular values whose squares are 6 and d^2/3, d^2/3 and d^2/6 are left, so det Re = (4/3)(7/6) d^4 = 14/9 d^4.
   const double least = 1e-7;
   const Fingerprint found = foreign<Mortal>(least);
   const double d = 1 / *found.climb("accurate").broken;
-  EXPECT_LT(2 * d * d, least);
-  EXPECT_GT(8 * 16 * d * d, least);  // d is a quarter of that on the rung below
+  EXPECT_LT(14. / 9 * std::pow(d, 4), least);
+  EXPECT_GT(14. / 9 * std::pow(4 * d, 4), least);  // d is four times that on the rung below
   EXPECT_FALSE(found.neighbours.empty());
 }
 

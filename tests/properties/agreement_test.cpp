@@ -61,9 +61,12 @@ class Bounds {
         std::sqrt(re_inverse) * ((k_root + 1 / cosine) * s_next + std::sqrt(re) * norm2(K) * std::sqrt(re));
 
     if (filter_.holds == Held::gain) {
-      // What rounding does to G and Re^{1/2} stays there: theory (2.5).
-      undamped_ += theta * of_root;
-      gain_ = undamped_ * unit_;
+      // What rounding does to Re and G Re^{T/2} = K Re stays there undamped, and so does what it did to L_0 at the start,
+      // theory 3; the gain comes of them by the Re of now, which may have become far smaller.
+      if (undamped_ == 0) started_ = p + norm2(A) * norm2(A) * p + norm2(truth.P_next);
+      undamped_ += theta * re * (1 + norm2(K));
+      const double inherited = undamped_ * (1 + norm2(K)) + theta * started_ * c * (norm2(A) + norm2(K) * c);
+      gain_ = unit_ * (inherited * re_inverse + theta * of_root);
       held_ = 0;
       return;
     }
@@ -108,7 +111,7 @@ class Bounds {
  private:
   const Metadata& filter_;
   reference::FirstOrderBound first_order_;
-  double unit_, held_ = 0, gain_ = 0, state_ = 0, asymmetry_ = 0, products_ = 0, undamped_ = 0;
+  double unit_, held_ = 0, gain_ = 0, state_ = 0, asymmetry_ = 0, products_ = 0, undamped_ = 0, started_ = 0;
 };
 
 /// How far apart the truths of two parametrisations may be: each number of the one is a number of the other, rounded
