@@ -8,6 +8,8 @@
 #include <Eigen/Core>
 #include <boost/version.hpp>
 #include <fmt/core.h>
+
+#include <kfstab/filters/kernels.hpp>
 #include <mpfr.h>
 
 #include <kfstab_revision.hpp>
@@ -49,6 +51,7 @@ Context context() {
           {"compiler", compiler()},
           {"flags", KFSTAB_FLAGS},
           {"fused multiply-add", fused()},
+          {"kernels", kernels::in_use() ? std::string(kernels::in_use()->isa) : "plain"},
           {"FLT_EVAL_METHOD", fmt::format("{}", FLT_EVAL_METHOD)},
           {"u", fmt::format("{:g}", DBL_EPSILON / 2)},
           {"Eigen", fmt::format("{}.{}.{}", EIGEN_WORLD_VERSION, EIGEN_MAJOR_VERSION, EIGEN_MINOR_VERSION)},

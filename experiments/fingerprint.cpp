@@ -168,14 +168,17 @@ struct LongRun {
 };
 
 /// C3: unstable with one output, where the asymmetry of three codings grows by |l1 l2|; stable with two outputs, where
-/// that of two of them grows all the same.
+/// that of two of them grows all the same. C23: unstable with two outputs, where that of coding (i) grows if one triangle of Re is
+/// factored, and is forgotten if Re is solved with as computed.
 std::vector<LongRun> long_runs() {
   const Matrix<double> plane = Matrix<double>::Identity(2, 2);
   return {{"one-output",
            system_of("pair", round_to(rotation(1.05, .7), 20), Matrix<double>{{1.}, {.5}}, Matrix<double>{{1., .25}},
                      Matrix<double>{{1.}}, Matrix<double>{{2., 0.}, {0., 1.}}, 300)},
           {"two-outputs", system_of("pair", round_to(rotation(.9, .7), 20), Matrix<double>{{1., 0.}, {.5, .25}}, plane,
-                                    .125 * plane, plane, 120)}};
+                                    .125 * plane, plane, 120)},
+          {"unstable-two-outputs", system_of("pair", round_to(rotation(1.1, .7), 20),
+                                             Matrix<double>{{1., 0.}, {.5, .25}}, plane, .125 * plane, plane, 400)}};
 }
 
 /// All that a subject is run on.

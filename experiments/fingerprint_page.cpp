@@ -128,15 +128,21 @@ reports::Figure asymmetry_figure(const Fingerprint& f, std::string_view which, c
   const AsymmetryRun& own = f.asymmetry(which);
   reports::Figure figure;
   figure.id = fmt::format("{}-asymmetry-{}", prefix, which);
-  figure.title = one ? "Asymmetry: an unstable A, one output" : "Asymmetry: a stable A, two outputs";
+  const bool stable = which == "two-outputs";
+  figure.title = one      ? "Asymmetry: an unstable A, one output"
+                 : stable ? "Asymmetry: a stable A, two outputs"
+                          : "Asymmetry: an unstable A, two outputs";
   figure.caption = fmt::format(
       "Does P stay symmetric? {} What is on the floor is symmetric to the last bit.",
       one ? fmt::format(
                 "The asymmetry that rounding makes grows by |l1 l2| = {:.4g} a step in codings (iii), (iv), (v), and "
                 "is forgotten in (i).",
                 own.product)
-          : std::string(
-                "Although A is stable, the asymmetry that rounding makes grows in codings (ii), (iv) and (v)."));
+      : stable
+          ? std::string("Although A is stable, the asymmetry that rounding makes grows in codings (ii), (iv) and (v).")
+          : std::string("In coding (i) the asymmetry that rounding makes is forgotten if Re is taken as computed, and "
+                        "grows if only "
+                        "one of its triangles is."));
   figure.x = {"step k", false};
   figure.y = {"asymmetry, ||P - P'|| / 2 relative to ||P||", true};
   for (const std::string_view id : beside(f, {"ckf-textbook", "ckf-mixed", "ckf-gain", "ckf-cp"})) {
@@ -213,7 +219,7 @@ reports::Section fingerprint_section(const Fingerprint& f, const std::string& pr
     if (any_finite(f.climb(what.ladder).P) || any_finite(f.climb(what.ladder).K))
       section.blocks.push_back(ladder_figure(f, what, prefix));
   if (f.subject.holds == Held::covariance)
-    for (const char* which : {"one-output", "two-outputs"})
+    for (const char* which : {"one-output", "two-outputs", "unstable-two-outputs"})
       if (!f.asymmetry(which).curve.empty()) section.blocks.push_back(asymmetry_figure(f, which, prefix));
   if (!f.neighbours.empty()) {
     reports::Table table{

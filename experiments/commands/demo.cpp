@@ -56,7 +56,7 @@ int demo_command(const std::string& out) {
   output.print(fmt::format("\nThe report, with every figure: {}\n", output.report().string()));
   output.print(
       "Next, a system of your own:    ./kfstab run mine.toml       (docs/systems.md; ./kfstab list systems for examples)\n"
-      "A filter of your own:          one header and one line in filters/ (CONTRIBUTING.md), then ./kfstab run and test\n");
+      "A filter of your own:          ./kfstab check --exec 'python3 examples/textbook.py', and then with yours (docs/protocol.md)\n");
   if (interrupted()) {
     fmt::print(stderr, "kfstab: interrupted; the claims that were finished are written\n");
     return Exit::interrupted;

@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
+#include <stdexcept>
 #include <string>
 #include <system_error>
 
@@ -12,6 +13,7 @@
 #include <kfstab/experiments/commands/commands.hpp>
 #include <kfstab/experiments/interruption.hpp>
 #include <kfstab/experiments/selection.hpp>
+#include <kfstab/filters/kernels.hpp>
 #include <kfstab/properties/input_error.hpp>
 #include <kfstab/properties/plugin_host.hpp>
 #include <kfstab/properties/subject.hpp>
@@ -289,6 +291,12 @@ int main(int argc, char** argv) {
   // The laboratory studies the filters as their text has them, on every machine alike; kernels are for whoever links to them,
   // and here for who asks.
   ::setenv("KFSTAB_ISA", "plain", 0);
+  try {
+    kfstab::kernels::check_environment();
+  } catch (const std::invalid_argument& error) {
+    complain(error.what());
+    return Exit::usage;
+  }
   kfstab::reports::ignore_file_signals();
   // Not a command for people: the process in which --plugin loads a library.
   if (argc == 3 && argv[1] == std::string_view("plugin-host")) return kfstab::properties::serve_plugin(argv[2]);
