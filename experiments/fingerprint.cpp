@@ -178,7 +178,7 @@ std::vector<LongRun> long_runs() {
           {"two-outputs", system_of("pair", round_to(rotation(.9, .7), 20), Matrix<double>{{1., 0.}, {.5, .25}}, plane,
                                     .125 * plane, plane, 120)},
           {"unstable-two-outputs", system_of("pair", round_to(rotation(1.1, .7), 20),
-                                             Matrix<double>{{1., 0.}, {.5, .25}}, plane, .125 * plane, plane, 400)}};
+                                             Matrix<double>{{1., 0.}, {.5, .25}}, plane, .03125 * plane, plane, 400)}};
 }
 
 /// All that a subject is run on.

@@ -140,7 +140,7 @@ std::optional<std::string> build(const Mutation& mutation, const fs::path& folde
   std::ofstream(copy / mutation.file) << text;
   const Source& source = sources().at(mutation.filter);
   const Metadata& metadata = *find_filter(mutation.filter);
-  const char* scalar = metadata.takes == Parametrisation::covariance ? "double" : "long double";
+  const char* scalar = metadata.asymmetry == Asymmetry::none ? "long double" : "double";
   const std::string command = fmt::format(
       "{} -std=c++20 -O0 -w -shared -fPIC -ffp-contract=off -I '{}' -isystem '{}' -I '{}/properties/plugin' "
       "-DKFSTAB_HEADER='<kfstab/filters/{}.hpp>' "

@@ -1,6 +1,6 @@
 // One filter of the registry, or a copy of it with a bug, as a plug-in of kfstab_filter.h. Compiled with
 //   -DKFSTAB_HEADER='<kfstab/filters/NAME.hpp>' -DKFSTAB_CLASS=TheClass -DKFSTAB_ID='"id"'
-// The array filters are taken in long double, for which their plain text stands: of double it is the kernels that compute.
+// Filters that have kernels for double are taken in long double, for which their plain text stands.
 #include <algorithm>
 #include <cmath>
 #include <memory>
