@@ -41,13 +41,6 @@ bool same_data(const System& a, const System& b) {
   return true;
 }
 
-/// The matrices of a run, one a step.
-std::vector<Matrix<double>> unrolled(const Sequence& sequence, std::int64_t steps) {
-  std::vector<Matrix<double>> all;
-  for (std::int64_t k = 0; k < steps; ++k) all.push_back(sequence.at(k));
-  return all;
-}
-
 Matrix<double> congruence(const Matrix<double>& X, const Matrix<double>& Y) {
   const Matrix<double> XY = X.lazyProduct(Y);
   return XY.lazyProduct(X.transpose());
@@ -132,11 +125,11 @@ System delayed(const System& system) {
   const auto list = [](std::vector<Matrix<double>> all) { return Sequence(Sequence::Kind::list, std::move(all)); };
   // The time update of step k is that after step k now; the last is of no matter.
   for (Sequence* sequence : {&later.A, &later.B, &later.D, &later.Q.value}) {
-    auto all = unrolled(*sequence, steps);
+    auto all = sequence->unrolled(steps).matrices;
     all.push_back(all.back());
     *sequence = list(std::move(all));
   }
-  auto C = unrolled(system.C, steps), R = unrolled(system.R.value, steps);
+  auto C = system.C.unrolled(steps).matrices, R = system.R.value.unrolled(steps).matrices;
   C.insert(C.begin(), Matrix<double>::Zero(system.C.rows(), system.C.cols()));
   R.insert(R.begin(), R.front());
   later.C = list(std::move(C));
@@ -256,7 +249,11 @@ const Course& Bench::course(const System& system) {
       const Matrix<double>& F = predicted ? truth.closed_loop : truth.filtered_closed_loop;
       const double inversion = inverts ? formed.information_amplification * formed.information.norm() * P.norm() : 1;
       const double moved = predicted ? A.norm() * truth.x_predicted.norm() + Du : truth.x_predicted.norm();
-      x = F.norm() * x + gain_error * e + rounding * inversion * (moved + own_K * innovation);
+      // An array of T and R^{-1/2} C takes R^{-1/2} y along: what that rounds comes to x by T^{-1}, however small the gain.
+      const double taken_along = !inverts ? 0
+                                          : (predicted ? A.norm() : 1) * innovation *
+                                                std::sqrt(truth.P_filtered.norm() * norm_of_inverse(complete.R, step));
+      x = F.norm() * x + gain_error * e + rounding * (inversion * (moved + own_K * innovation) + taken_along);
       now.x = x;
       if (!predicted) x += rounding * (A.norm() * truth.x_filtered.norm() + Du);  // of the prediction that comes next
     }

@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include <kfstab/filters/kernels.hpp>
 #include <kfstab/filters/symmetric_eigen.hpp>
 #include <kfstab/properties/data.hpp>
 #include <kfstab/properties/frame.hpp>
@@ -161,6 +162,28 @@ Covariance bordered(const Covariance& Q, Index more, double q) {
             for (Index i = n; i < n + more; ++i) Y(i, i) = diagonal;
             return Y;
           })};
+}
+
+System raised(const System& system) {
+  System other = system;
+  other.P0 = multiplied(system.P0, 4);
+  other.Q = multiplied(system.Q, 16);
+  other.R = multiplied(system.R, 64);
+  return other;
+}
+
+System with_steps(const System& system, Steps steps, Columns data) {
+  System other = system;
+  other.steps = std::ssize(steps.A);
+  const auto list = [](std::vector<Matrix<double>>& all) { return Sequence(Sequence::Kind::list, std::move(all)); };
+  other.A = list(steps.A);
+  other.B = list(steps.B);
+  other.C = list(steps.C);
+  other.D = list(steps.D);
+  other.Q.value = list(steps.Q);
+  other.R.value = list(steps.R);
+  set_columns(other, std::move(data));
+  return other;
 }
 
 System in_units(const System& system, const Units& units) {
@@ -326,11 +349,17 @@ std::vector<Tolerance> tolerances(Bench& bench, const System& system, const Syst
       const double e = (data.y.col(k) - product(now.C, prior)).norm();
       const double own = predicted ? truth.predictor_gain.norm() : Kf;
       const double gain_error = K > 0 ? tolerance.K / K * own : tolerance.K;
-      const double moved = A * (predicted ? x.norm() + Kf * e : x.norm()) + Du.norm();
-      // x is solved for with what P^{-1} is made of.
-      const double inversion = inverts && P > 0 ? std::max(1.0, P_bound / (u * P)) : 1;
-      x_error = F.norm() * x_error + gain_error * e +
-                2 * u * inversion * (moved + own * (data.y.col(k).norm() + C * prior.norm()));
+      const double Du_terms = dynamics.D.norm() * (data.u.rows() > 0 ? data.u.col(column).norm() : 0);
+      const double moved = A * (predicted ? x.norm() + Kf * e : x.norm()) + (predicts ? Du_terms : 0);
+      const double innovation = data.y.col(k).norm() + C * prior.norm();
+      double rounded = moved + own * innovation;
+      if (inverts) {
+        // x is solved for with what P^{-1} is made of, and R^{-1/2} y comes to it by T^{-1}, however small the gain is.
+        if (P > 0) rounded *= std::max(1.0, P_bound / (u * P));
+        const auto R_inverse = Precise(now.R).inverse();
+        rounded += (predicted ? A : 1) * (R_inverse ? std::sqrt(Pf * R_inverse->norm()) * innovation : infinity);
+      }
+      x_error = F.norm() * x_error + gain_error * e + 2 * u * rounded;
       tolerance.x = x_error + u * answer.state->norm();
     }
     const double thirty = largest_ratio * tolerance.P;
@@ -401,9 +430,12 @@ void Comparison::add_order(std::int64_t step, std::string_view name, const Matri
 
 namespace {
 
-/// Whether some number is so small that kernels hand what it stands in over to the plain text (its square is not safe), which
-/// sums in another order, or that its square underflows: then scaling may change bits.
-bool too_small(const Matrix<double>& X) { return (X.array() != 0 && X.array().abs() < std::ldexp(1.0, -230)).any(); }
+/// Whether some number is so small that its square underflows: then scaling rounds. Kernels give up before, and the plain text,
+/// which takes over, sums in another order: there scaling changes bits too.
+bool too_small(const Matrix<double>& X) {
+  const double least = std::ldexp(1.0, kernels::in_use() ? -230 : -500);
+  return (X.array() != 0 && X.array().abs() < least).any();
+}
 
 bool too_small(const Answer& answer) {
   return too_small(answer.held) || (answer.gain && too_small(*answer.gain)) ||

@@ -33,6 +33,14 @@ Covariance multiplied(const Covariance& Q, double factor);
 /// diag(Q, q I), order `more` larger: as Q is written, q a power of 4.
 Covariance bordered(const Covariance& Q, Index more, double q);
 
+/// P0, Q and R, each larger: 4 P0, 16 Q, 64 R.
+System raised(const System& system);
+/// The system's start and these steps: the matrices of each, as the system's are written, and the data.
+struct Steps {
+  std::vector<Matrix<double>> A = {}, B = {}, C = {}, D = {}, Q = {}, R = {};
+};
+System with_steps(const System& system, Steps steps, Columns data);
+
 /// Other units, all of them powers of two, so that no number is rounded: covariances times 4^covariance, x0, y and u times
 /// -2^data (for data != 0), state i times 2^state[i], measurement i times 2^measurement[i].
 struct Units {

@@ -82,18 +82,6 @@ class SimulatedStream final : public DataStream {
 
 // --- missing measurements -----------------------------------------------------------------------------------------------
 
-/// One matrix a step, what was written exactly with it.
-Sequence unrolled(const Sequence& sequence, std::int64_t steps) {
-  Sequence all(Sequence::Kind::list, {});
-  const std::size_t period = sequence.matrices.size();
-  for (std::size_t k = 0; k < static_cast<std::size_t>(steps); ++k) {
-    all.matrices.push_back(sequence.matrices[k % period]);
-    for (const ExactEntry& entry : sequence.exact)
-      if (entry.matrix == k % period) all.exact.push_back({k, entry.row, entry.col, entry.text});
-  }
-  return all;
-}
-
 using Missing = Eigen::Array<bool, Dynamic, Dynamic>;
 
 /// Whether a lower root of R with e_i for each row i that is missing is one of R without what is missing: where no entry that
@@ -117,6 +105,28 @@ Sequence multiplied_out(const System& system) {
 
 }  // namespace
 
+Measured::Measured(const Matrix<double>& all_C, const Matrix<double>& all_R, const Vector<double>& all_y)
+    : outputs(all_y.size()) {
+  for (Index i = 0; i < all_y.size(); ++i)
+    if (!std::isnan(all_y(i))) entries.push_back(i);
+  const auto p = std::ssize(entries);
+  C.resize(p, all_C.cols());
+  R.resize(p, p);
+  y.resize(p);
+  for (Index i = 0; i < p; ++i) {
+    const Index row = entries[static_cast<std::size_t>(i)];
+    C.row(i) = all_C.row(row);
+    y(i) = all_y(row);
+    for (Index j = 0; j < p; ++j) R(i, j) = all_R(row, entries[static_cast<std::size_t>(j)]);
+  }
+}
+
+Matrix<double> Measured::of_all(const Matrix<double>& K) const {
+  Matrix<double> all = Matrix<double>::Zero(K.rows(), outputs);
+  for (Index j = 0; j < K.cols(); ++j) all.col(entries[static_cast<std::size_t>(j)]) = K.col(j);
+  return all;
+}
+
 bool measurements_missing(const System& system) {
   if (!system.data || dynamic_cast<const Simulated*>(system.data.get())) return false;
   const auto stream = system.data->open();
@@ -139,8 +149,8 @@ System with_every_measurement(const System& system) {
   y = missing.select(0, y);
 
   System complete = system;
-  complete.C = unrolled(system.C, system.steps);
-  Sequence R = unrolled(system.R.value, system.steps);
+  complete.C = system.C.unrolled(system.steps);
+  Sequence R = system.R.value.unrolled(system.steps);
   for (Index k = 0; k < system.steps; ++k)
     if (system.R.written == Covariance::Written::root && complete.R.written == system.R.written &&
         !stays_root(R.matrices[static_cast<std::size_t>(k)], missing, k)) {
@@ -184,8 +194,6 @@ Simulated::Simulated(const System& system, std::uint64_t seed, Matrix<double> in
       std::get<Problem<RootModel<double>>>(std::get<AnyProblem<double>>(std::move(roots))));
 }
 
-std::unique_ptr<DataStream> Simulated::open() const {
-  return std::make_unique<SimulatedStream>(problem_, u_, seed_);
-}
+std::unique_ptr<DataStream> Simulated::open() const { return std::make_unique<SimulatedStream>(problem_, u_, seed_); }
 
 }  // namespace kfstab::properties

@@ -49,6 +49,19 @@ class Simulated final : public Data {
   std::uint64_t seed_;
 };
 
+/// What is measured at a step where entries of y may be missing (NaN): those that are there, and what belongs to them of C and R.
+struct Measured {
+  Measured(const Matrix<double>& all_C, const Matrix<double>& all_R, const Vector<double>& all_y);
+
+  Matrix<double> C, R;
+  Vector<double> y;
+  std::vector<Index> entries;  ///< which they are, of all
+  Index outputs;               ///< how many there would be
+
+  /// A gain of these entries as one of all: with a column of 0 for each that is missing.
+  Matrix<double> of_all(const Matrix<double>& K) const;
+};
+
 /// Whether entries of y are missing within the system's steps.
 bool measurements_missing(const System& system);
 

@@ -433,37 +433,6 @@ constexpr Mistake table[] = {
 };
 // clang-format on
 
-/// The rows that are there of y, C and R.
-void keep_measured(PlainFilter& f) {
-  std::vector<Index> there;
-  for (Index i = 0; i < f.y.size(); ++i)
-    if (!std::isnan(f.y(i))) there.push_back(i);
-  f.measured = !there.empty();
-  if (there.empty() || std::ssize(there) == f.y.size()) return;
-  const auto p = std::ssize(there);
-  M C(p, f.C.cols()), R(p, p);
-  Vector<double> y(p);
-  for (Index i = 0; i < p; ++i) {
-    const Index row = there[static_cast<std::size_t>(i)];
-    C.row(i) = f.C.row(row);
-    y(i) = f.y(row);
-    for (Index j = 0; j < p; ++j) R(i, j) = f.R(row, there[static_cast<std::size_t>(j)]);
-  }
-  f.C = C;
-  f.R = R;
-  f.y = y;
-}
-
-/// A gain of the entries of y that are there, with a column of 0 for each that is missing; as it is without data.
-M with_all_columns(const M& K, const StepData* data) {
-  if (!data || K.cols() == data->y.size()) return K;
-  M all = M::Zero(K.rows(), data->y.size());
-  Index next = 0;
-  for (Index j = 0; j < all.cols() && next < K.cols(); ++j)
-    if (!std::isnan(data->y(j))) all.col(j) = K.col(next++);
-  return all;
-}
-
 /// The plain filter's lines, with the mistakes at their moments.
 class Reenactment {
  public:
@@ -490,7 +459,9 @@ class Reenactment {
       f_.measured = true;
       f_.P_prior = f_.P_filtered = M();
       f_.Kf = M::Zero(model.A.rows(), model.C.rows());
-      keep_measured(f_);
+      const Measured measured(f_.C, f_.R, f_.y);
+      f_.measured = !measured.entries.empty();
+      if (f_.measured) f_.C = measured.C, f_.R = measured.R, f_.y = measured.y;
       // What is late is late by the step before as it was given, not as a mistake made it.
       PlainFilter::Memory now{f_.A, f_.B,         f_.C,         f_.Q,
                               f_.R, std::nullopt, std::nullopt, f_.measured ? std::optional(f_.y) : f_.last.y,
@@ -523,7 +494,7 @@ class Reenactment {
       if (!at(Moment::answered)) return std::nullopt;
       Answer answer;
       answer.held = f_.P;
-      if (traits_.gain && f_.measured) answer.gain = with_all_columns(f_.K, data);
+      if (traits_.gain && f_.measured) answer.gain = f_.K.cols() == std::ssize(measured.entries) ? measured.of_all(f_.K) : f_.K;
       if (with_data_) answer.state = f_.x;
       answers.push_back(std::move(answer));
       f_.P = held;

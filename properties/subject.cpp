@@ -78,37 +78,6 @@ class BuiltIn final : public Subject {
 
 // --- filters that are driven step by step -------------------------------------------------------------------------------
 
-/// The rows of y that are there, and what belongs to them of C and R.
-struct Measured {
-  Matrix<double> C, R;
-  Vector<double> y;
-
-  Measured(const Matrix<double>& all_C, const Matrix<double>& all_R, const Vector<double>& all_y) {
-    std::vector<Index> there;
-    for (Index i = 0; i < all_y.size(); ++i)
-      if (!std::isnan(all_y(i))) there.push_back(i);
-    const auto p = static_cast<Index>(there.size());
-    C.resize(p, all_C.cols());
-    R.resize(p, p);
-    y.resize(p);
-    for (Index i = 0; i < p; ++i) {
-      const Index row = there[static_cast<std::size_t>(i)];
-      C.row(i) = all_C.row(row);
-      y(i) = all_y(row);
-      for (Index j = 0; j < p; ++j) R(i, j) = all_R(row, there[static_cast<std::size_t>(j)]);
-    }
-  }
-};
-
-/// A gain of the entries of y that are there, with a column of 0 for each that is missing.
-Matrix<double> with_all_columns(const Matrix<double>& K, const Vector<double>& y) {
-  Matrix<double> all = Matrix<double>::Zero(K.rows(), y.size());
-  Index next = 0;
-  for (Index j = 0; j < y.size(); ++j)
-    if (!std::isnan(y(j))) all.col(j) = K.col(next++);
-  return all;
-}
-
 std::string shape(const char* what, Index rows, Index cols, Index expected_rows, Index expected_cols) {
   return fmt::format("{} is {} x {}, expected {} x {}", what, rows, cols, expected_rows, expected_cols);
 }
@@ -176,7 +145,7 @@ class SteppedSubject final : public Subject {
     const Measured measured(model.C, model.R, y);
     auto answer = checked(filter_->step({model.A, model.B, measured.C, model.Q, measured.R, D, u, &measured.y}),
                           model.A.rows(), measured.C.rows(), false);
-    if (auto* given = std::get_if<Answer>(&answer); given && given->gain) given->gain = with_all_columns(*given->gain, y);
+    if (auto* given = std::get_if<Answer>(&answer); given && given->gain) given->gain = measured.of_all(*given->gain);
     return answer;
   }
 

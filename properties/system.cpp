@@ -182,6 +182,16 @@ AnyProblem<double> information_problem(const System& system) {
 
 }  // namespace
 
+Sequence Sequence::unrolled(std::int64_t steps) const {
+  Sequence all(Kind::list, {});
+  for (std::size_t k = 0; k < static_cast<std::size_t>(steps); ++k) {
+    all.matrices.push_back(matrices[k % matrices.size()]);
+    for (const ExactEntry& entry : exact)
+      if (entry.matrix == k % matrices.size()) all.exact.push_back({k, entry.row, entry.col, entry.text});
+  }
+  return all;
+}
+
 bool System::time_invariant() const {
   return std::ranges::all_of(std::initializer_list<const Sequence*>{&A, &B, &C, &D, &Q.value, &R.value},
                              [](const Sequence* sequence) { return sequence->matrices.size() == 1; });

@@ -47,6 +47,8 @@ struct Sequence {
   const Matrix<double>& at(std::int64_t k) const { return matrices[static_cast<std::size_t>(k) % matrices.size()]; }
   Index rows() const { return matrices.front().rows(); }
   Index cols() const { return matrices.front().cols(); }
+  /// The same as a list, one matrix a step, with what was written exactly.
+  Sequence unrolled(std::int64_t steps) const;
 };
 
 /// A covariance as it was written: itself, symmetric and positive semidefinite, or a lower root of it, L with LL' the

@@ -6,15 +6,6 @@ namespace kfstab::properties::laws {
 
 namespace {
 
-/// P0, Q and R, each larger: 4 P0, 16 Q, 64 R.
-System raised(const System& system) {
-  System other = system;
-  other.P0 = multiplied(system.P0, 4);
-  other.Q = multiplied(system.Q, 16);
-  other.R = multiplied(system.R, 64);
-  return other;
-}
-
 std::optional<Finding> examine(Bench& bench, const System& system) {
   if (!small(system)) return std::nullopt;
   const System base = first_steps(with_data(system), 2), other = raised(base);

@@ -11,38 +11,29 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
   const Traits& traits = bench.traits();
   if (traits.measurement_every_step || traits.needs.time_invariant) return std::nullopt;
   const System base = first_steps(measured(system), 4);
-  System other = base;
-  other.steps = 2 * base.steps;
   const Index n = system.A.rows();
   Matrix<double> T = cycle(n);
   for (Index j = 0; j < n; j += 2) T.col(j) *= -1;
   const Columns data = columns(base);
-  Columns split{Matrix<double>(system.C.rows(), other.steps), Matrix<double>::Zero(system.inputs(), other.steps)};
+  Columns split{Matrix<double>(system.C.rows(), 2 * base.steps), Matrix<double>::Zero(system.inputs(), 2 * base.steps)};
   split.y.setConstant(std::numeric_limits<double>::quiet_NaN());
-  std::vector<Matrix<double>> A, B, C, D, Q, R;
+  Steps halves;
   for (Index k = 0; k < base.steps; ++k) {
-    A.push_back(T.lazyProduct(base.A.at(k)));
-    A.push_back(T.transpose());
-    B.push_back(T.lazyProduct(base.B.at(k)));
-    B.push_back(Matrix<double>::Zero(n, system.B.cols()));
-    D.push_back(T.lazyProduct(base.D.at(k)));
-    D.push_back(base.D.at(k));
+    halves.A.push_back(T.lazyProduct(base.A.at(k)));
+    halves.A.push_back(T.transpose());
+    halves.B.push_back(T.lazyProduct(base.B.at(k)));
+    halves.B.push_back(Matrix<double>::Zero(n, system.B.cols()));
+    halves.D.push_back(T.lazyProduct(base.D.at(k)));
+    halves.D.push_back(base.D.at(k));
     for (const int half : {0, 1}) {
-      C.push_back(base.C.at(k));
-      Q.push_back(base.Q.value.at(k));
-      R.push_back(base.R.value.at(k));
+      halves.C.push_back(base.C.at(k));
+      halves.Q.push_back(base.Q.value.at(k));
+      halves.R.push_back(base.R.value.at(k));
       if (half == (traits.starts_predicted ? 0 : 1)) split.y.col(2 * k + half) = data.y.col(k);
     }
     split.u.col(2 * k) = data.u.col(k);
   }
-  const auto list = [](std::vector<Matrix<double>> all) { return Sequence(Sequence::Kind::list, std::move(all)); };
-  other.A = list(std::move(A));
-  other.B = list(std::move(B));
-  other.C = list(std::move(C));
-  other.D = list(std::move(D));
-  other.Q.value = list(std::move(Q));
-  other.R.value = list(std::move(R));
-  set_columns(other, std::move(split));
+  const System other = with_steps(base, std::move(halves), std::move(split));
   const Run& expected = bench.run(base);
   const Run& found = bench.run(other);
   const auto tolerance = tolerances(bench, base, counted(system));
