@@ -5,7 +5,7 @@
 # room's folder. So an include that points against the arrows does not build. Sources in the room's folder are
 # part of its target by being there.
 function(kfstab_room room)
-  cmake_parse_arguments(arg "" "" "DEPENDS;PRIVATE;SOURCES;PRECOMPILE" ${ARGN})
+  cmake_parse_arguments(arg "" "OPTIMIZE" "DEPENDS;PRIVATE;SOURCES;PRECOMPILE" ${ARGN})
   set(root ${PROJECT_BINARY_DIR}/include/${room})
   file(MAKE_DIRECTORY ${root}/kfstab)
   file(CREATE_LINK ${CMAKE_CURRENT_SOURCE_DIR} ${root}/kfstab/${room} SYMBOLIC)
@@ -27,6 +27,11 @@ function(kfstab_room room)
   # What nearly every source of ours reads first, read once: a third of a clean build's time.
   if(PROJECT_IS_TOP_LEVEL AND arg_PRECOMPILE)
     target_precompile_headers(kfstab_${room} PRIVATE ${arg_PRECOMPILE})
+  endif()
+  # Compiling takes longer than running where the work is done by a room below: -Og halves the time of -O2 (measured in
+  # pairs, the tool runs within 5 % of -O2 all the same). filters keeps the -O2 of the build type.
+  if(arg_OPTIMIZE)
+    target_compile_options(kfstab_${room} PRIVATE $<$<CONFIG:Release>:${arg_OPTIMIZE}>)
   endif()
   set_target_properties(kfstab_${room} PROPERTIES
     EXPORT_NAME ${room} OUTPUT_NAME kfstab_${room} POSITION_INDEPENDENT_CODE ON

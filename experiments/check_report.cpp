@@ -19,9 +19,9 @@ namespace {
 using nlohmann::ordered_json;
 using properties::largest_ratio;
 using properties::LawOutcome;
-using Status = CheckedSubject::Status;
+using LawStatus = CheckedSubject::Status;
 
-bool is_bad(Status status) { return status == Status::fail || status == Status::unexpected_pass; }
+bool is_bad(LawStatus status) { return status == LawStatus::fail || status == LawStatus::unexpected_pass; }
 
 /// JSON has no infinity: the word stands beside a null.
 ordered_json number(double value) { return std::isfinite(value) ? ordered_json(value) : ordered_json(nullptr); }
@@ -43,7 +43,7 @@ const LawOutcome* most_telling(const CheckedSubject& subject) {
   };
   for (std::size_t i = 0; i < subject.report.laws.size(); ++i) {
     const LawOutcome& outcome = subject.report.laws[i];
-    if (subject.status(i) == Status::fail && (!best || weight(outcome) < weight(*best))) best = &outcome;
+    if (subject.status(i) == LawStatus::fail && (!best || weight(outcome) < weight(*best))) best = &outcome;
   }
   return best;
 }
@@ -117,7 +117,7 @@ std::string refusals(const properties::CheckReport& report) {
   return text;
 }
 
-std::string names(const CheckedSubject& subject, Status wanted) {
+std::string names(const CheckedSubject& subject, LawStatus wanted) {
   std::string text;
   for (std::size_t i = 0; i < subject.report.laws.size(); ++i)
     if (subject.status(i) == wanted)
@@ -263,31 +263,31 @@ std::string failure_text(const CheckedSubject& subject, std::size_t i) {
 
 }  // namespace
 
-const char* name(Status status) {
+const char* name(LawStatus status) {
   switch (status) {
-    case Status::pass: return "pass";
-    case Status::fail: return "fail";
-    case Status::not_applicable: return "not-applicable";
-    case Status::expected_failure: return "expected-failure";
-    case Status::unexpected_pass: return "unexpected-pass";
+    case LawStatus::pass: return "pass";
+    case LawStatus::fail: return "fail";
+    case LawStatus::not_applicable: return "not-applicable";
+    case LawStatus::expected_failure: return "expected-failure";
+    case LawStatus::unexpected_pass: return "unexpected-pass";
   }
   return "";
 }
 
-Status CheckedSubject::status(std::size_t law) const {
+CheckedSubject::Status CheckedSubject::status(std::size_t law) const {
   const LawOutcome& outcome = report.laws[law];
   const bool expected_to_fail = expected.contains(std::string(outcome.law.id));
-  if (outcome.failure) return expected_to_fail ? Status::expected_failure : Status::fail;
+  if (outcome.failure) return expected_to_fail ? LawStatus::expected_failure : LawStatus::fail;
   // A check that was cut short has not tried everything: it cannot say that a law begins to hold.
   const bool complete = !fault && !report.interrupted && !report.out_of_time;
-  if (expected_to_fail && complete) return Status::unexpected_pass;
-  return outcome.cases == 0 ? Status::not_applicable : Status::pass;
+  if (expected_to_fail && complete) return LawStatus::unexpected_pass;
+  return outcome.cases == 0 ? LawStatus::not_applicable : LawStatus::pass;
 }
 
 int CheckedSubject::passed() const {
   int count = 0;
   for (std::size_t i = 0; i < report.laws.size(); ++i)
-    count += status(i) == Status::pass || status(i) == Status::expected_failure;
+    count += status(i) == LawStatus::pass || status(i) == LawStatus::expected_failure;
   return count;
 }
 
@@ -312,10 +312,10 @@ std::string check_text(const CheckedSubject& subject, bool color) {
     table.alignment = {left, right, right, left, right};
     for (std::size_t i = 0; i < r.laws.size(); ++i) {
       const LawOutcome& outcome = r.laws[i];
-      if (subject.status(i) == Status::unexpected_pass)
+      if (subject.status(i) == LawStatus::unexpected_pass)
         table.rows.push_back({std::string(outcome.law.id), fmt::format("{}", outcome.cases),
                               ratio_text(outcome.max_ratio), "none, although --expect says so", ""});
-      if (subject.status(i) != Status::fail) continue;
+      if (subject.status(i) != LawStatus::fail) continue;
       const properties::Failure& failure = *outcome.failure;
       table.rows.push_back({std::string(outcome.law.id), fmt::format("{}", outcome.cases),
                             ratio_text(outcome.max_ratio), size_text(failure.system),
@@ -345,8 +345,8 @@ std::string check_text(const CheckedSubject& subject, bool color) {
     text += fmt::format("  again: {}\n", again(subject, *shown, subject.files.empty() ? "" : subject.files[i]));
   }
   text += "\n";
-  for (const auto& [status, words] :
-       {std::pair(Status::not_applicable, "do not apply"), std::pair(Status::expected_failure, "fail as expected")})
+  for (const auto& [status, words] : {std::pair(LawStatus::not_applicable, "do not apply"),
+                                      std::pair(LawStatus::expected_failure, "fail as expected")})
     if (const auto list = names(subject, status); !list.empty()) text += wrapped(fmt::format("{}: {}", words, list), 0);
   return text + fmt::format("{} passed, {} failed\n", subject.passed(), subject.failed());
 }
@@ -382,12 +382,12 @@ std::string check_junit(const std::vector<CheckedSubject>& subjects) {
       const LawOutcome& outcome = r.laws[i];
       text +=
           fmt::format("    <testcase classname=\"kfstab.{}\" name=\"{}\"", xml(r.subject.name), xml(outcome.law.id));
-      const Status status = subject.status(i);
-      if (status == Status::pass || status == Status::expected_failure) {
+      const LawStatus status = subject.status(i);
+      if (status == LawStatus::pass || status == LawStatus::expected_failure) {
         text += "/>\n";
-      } else if (status == Status::not_applicable) {
+      } else if (status == LawStatus::not_applicable) {
         text += "><skipped message=\"does not apply to what was tried\"/></testcase>\n";
-      } else if (status == Status::unexpected_pass) {
+      } else if (status == LawStatus::unexpected_pass) {
         text += "><failure message=\"holds, although it is expected to fail\"/></testcase>\n";
       } else {
         const std::string message =
@@ -426,7 +426,7 @@ std::string check_markdown(const std::vector<CheckedSubject>& subjects) {
     }
     text += reports::render_markdown(table);
     for (std::size_t i = 0; i < subject.report.laws.size(); ++i)
-      if (subject.status(i) == Status::fail)
+      if (subject.status(i) == LawStatus::fail)
         text += fmt::format("\n### {}\n\n```\n{}```\n", subject.report.laws[i].law.id, failure_text(subject, i));
   }
   return text;

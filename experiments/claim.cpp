@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <limits>
 
 #include <fmt/core.h>
 #include <oneapi/tbb/parallel_for.h>
 #include <oneapi/tbb/task_arena.h>
 
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/interruption.hpp>
 #include <kfstab/properties/input_error.hpp>
 
@@ -124,7 +124,7 @@ reports::Check check_within(std::string name, double predicted, double measured,
 }
 
 reports::Check check_slope(std::string name, double predicted, const Line& line, double distance) {
-  const double measured = line.half_width <= distance ? line.slope : std::numeric_limits<double>::quiet_NaN();
+  const double measured = line.half_width <= distance ? line.slope : NaN;
   reports::Check check = check_within(std::move(name), predicted, measured, distance);
   check.criterion += fmt::format("; 95 % interval +- {:.2g}, {} points", line.half_width, line.points);
   return check;

@@ -11,6 +11,7 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include <kfstab/experiments/catalogue.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/cost.hpp>
 #include <kfstab/experiments/interruption.hpp>
 #include <kfstab/reports/number.hpp>
@@ -18,8 +19,6 @@
 namespace kfstab::experiments {
 namespace {
 
-constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-constexpr int bits_of_double = std::numeric_limits<double>::digits;
 /// What luck with single roundings is worth, in digits.
 constexpr double luck = 1;
 
@@ -37,7 +36,7 @@ Digits digits(const Series& error, int bits) {
 /// ||F_k ... F_0||^{1/(k+1)}
 double forgetting(const SystemRun& run) {
   const Series& squared = run.analysis.log10_amplification;
-  return squared.count() == 0 ? nan : std::pow(10, squared.last() / 2 / static_cast<double>(squared.count()));
+  return squared.count() == 0 ? NaN : std::pow(10, squared.last() / 2 / static_cast<double>(squared.count()));
 }
 
 /// Filters of one parametrisation each: where a system is rounded to few bits, each parametrisation is a system of its
@@ -120,7 +119,7 @@ struct Candidate {
   std::optional<std::string> refused = {};
   std::size_t sound = 0;  ///< points
   const Point* first_unsound = nullptr;
-  double least = std::numeric_limits<double>::infinity();  ///< digits kept
+  double least = infinity;  ///< digits kept
   const Point* least_at = nullptr;
   double loss = 0;  ///< digits fewer than the best of the sound ones, at the worst point
   const Point* loss_at = nullptr;
@@ -297,7 +296,7 @@ Recommendation recommend(const Comparison& comparison) {
   const auto counted = [](const Candidate& c) { return !std::isnan(c.operations); };
   const auto eligible = [&](const Candidate& c) { return !c.refused && c.filter->holds != Held::gain && counted(c); };
 
-  double least_loss = std::numeric_limits<double>::infinity();
+  double least_loss = infinity;
   for (const Candidate& c : all)
     if (eligible(c) && !c.first_unsound) least_loss = std::min(least_loss, c.loss);
   const Candidate* chosen = nullptr;

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/run.hpp>
 #include <kfstab/experiments/scan.hpp>
 
@@ -17,8 +18,8 @@ namespace kfstab::experiments {
 /// Correct decimal digits of one quantity over a run: at its last step, and the fewest of all steps. Within 0 and what
 /// the word holds; NaN where there is no such quantity.
 struct Digits {
-  double end = std::numeric_limits<double>::quiet_NaN();
-  double worst = std::numeric_limits<double>::quiet_NaN();
+  double end = NaN;
+  double worst = NaN;
 };
 
 /// How a filter fared in one run.
@@ -26,8 +27,8 @@ struct Fare {
   const Metadata* filter = nullptr;
   std::optional<std::string> refused;  ///< why it was not run; then there is nothing else
   Digits P, K, x;
-  double bound = std::numeric_limits<double>::quiet_NaN();  ///< fewest digits of P that the first-order bound leaves
-  double asymmetry = std::numeric_limits<double>::quiet_NaN();
+  double bound = NaN;  ///< fewest digits of P that the first-order bound leaves
+  double asymmetry = NaN;
   std::optional<std::int64_t> first_indefinite, first_failure;
   Status failure = Status::ok;
   std::string stopped;  ///< FilterRun::stopped
@@ -47,7 +48,7 @@ struct Point {
   std::optional<std::string> error;  ///< why the reference had no answer
   /// By how much an error is multiplied a step, on average over the run: ||F_k ... F_0||^{1/(k+1)}. Below 1 it is
   /// forgotten; it tends to rho(F) in steady state.
-  double forgetting = std::numeric_limits<double>::quiet_NaN();
+  double forgetting = NaN;
   std::vector<Fare> filters;  ///< in the order of Comparison::filters
 };
 

@@ -3,11 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
-#include <limits>
 
 #include <fmt/core.h>
 
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/cost.hpp>
+#include <kfstab/experiments/curves.hpp>
 #include <kfstab/experiments/models.hpp>
 #include <kfstab/experiments/pages.hpp>
 #include <kfstab/reports/number.hpp>
@@ -17,16 +18,11 @@ namespace {
 
 using reports::short_number;
 
-constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-constexpr std::size_t panels_a_figure = 6;
-/// A slot of the palette that is a black cross; filters are few and have the first ones.
-constexpr int black_cross = 76;
-
 std::string decimals(double value) { return std::isnan(value) ? "-" : fmt::format("{:.1f}", value); }
 
 double word(const Point& point) { return point.bits * std::log10(2.0); }
 
-bool measured(const Point& point) { return point.done && !point.error; }
+bool was_measured(const Point& point) { return point.done && !point.error; }
 
 bool scans_bits(const Comparison& c) {
   return std::ranges::any_of(c.scans, [](const Scan& scan) { return scan.of == Scan::Of::bits; });
@@ -44,7 +40,7 @@ constexpr Shown shown[] = {{"covariance", "P", [](const Fare& f) { return f.P.wo
 
 /// Digits lost, or those kept where the word itself is scanned.
 double value(const Comparison& c, const Point& point, const Fare& own, const Shown& what) {
-  if (!measured(point) || own.refused) return nan;
+  if (!was_measured(point) || own.refused) return NaN;
   double kept = what.digits(own);
   // A filter that broke down keeps nothing, in its first step too.
   const bool has = !std::isnan(kept) || what.of[0] == 'K' || (what.of[0] == 'P' && own.filter->holds != Held::gain);
@@ -56,7 +52,7 @@ bool indefinite(const Fare& own) { return !own.refused && (own.first_indefinite 
 
 /// The least digits that the first-order bound leaves filters of a kind.
 double bound(const Point& point, bool (*is)(Held)) {
-  double least = nan;
+  double least = NaN;
   for (const Fare& own : point.filters)
     if (!own.refused && is(own.filter->holds)) least = std::fmin(least, own.bound);
   return least;
@@ -77,7 +73,7 @@ reports::Figure curves(const Comparison& c, const Shown& what) {
     reports::Curve curve{std::move(id), std::move(label), {}, {}, role, color};
     for (const Point& point : c.points) {
       curve.x.push_back(point.at.front());
-      curve.y.push_back(measured(point) ? of_point(point) : nan);
+      curve.y.push_back(was_measured(point) ? of_point(point) : NaN);
     }
     if (std::ranges::any_of(curve.y, [](double y) { return std::isfinite(y); }))
       figure.curves.push_back(std::move(curve));
@@ -101,7 +97,7 @@ reports::Figure curves(const Comparison& c, const Shown& what) {
   reports::Curve broken{"indefinite", "not definite", {}, {}, reports::CurveRole::measured_points, black_cross};
   for (const Point& point : c.points)
     for (const Fare& own : point.filters)
-      if (measured(point) && indefinite(own)) {
+      if (was_measured(point) && indefinite(own)) {
         broken.x.push_back(point.at.front());
         broken.y.push_back(value(c, point, own, what));
       }
@@ -121,8 +117,8 @@ std::vector<reports::Figure> heat_maps(const Comparison& c, const Shown& what) {
     reports::HeatMap map;
     map.id = map.label = std::string(c.filters[i]->id);
     for (const Point& point : c.points) {
-      const bool there = measured(point);
-      map.values.push_back(there ? value(c, point, point.filters[i], what) : nan);
+      const bool there = was_measured(point);
+      map.values.push_back(there ? value(c, point, point.filters[i], what) : NaN);
       map.outlined.push_back(there && indefinite(point.filters[i]));
     }
     if (std::ranges::any_of(map.values, [](double v) { return std::isfinite(v); })) panels.push_back(std::move(map));
@@ -190,7 +186,7 @@ reports::Table scan_table(const Comparison& c) {
   using enum reports::Alignment;
   reports::Table table;
   if (c.scans.empty()) return table;
-  const auto done = std::ranges::count_if(c.points, measured);
+  const auto done = std::ranges::count_if(c.points, was_measured);
   table.caption = fmt::format("Over {} of {} points of the scan: fewest digits of all steps", done, c.points.size());
   table.header = {"filter", "sound at", "digits of P", "where", "digits of K", "where", "first not sound"};
   if (scans_bits(c)) table.header.push_back("bits it needs");
@@ -199,7 +195,7 @@ reports::Table scan_table(const Comparison& c) {
     std::size_t sound = 0, ran = 0;
     const Point *unsound = nullptr, *P = nullptr, *K = nullptr;
     for (const Point& point : c.points) {
-      if (!measured(point) || point.filters[i].refused) continue;
+      if (!was_measured(point) || point.filters[i].refused) continue;
       const Fare& own = point.filters[i];
       ++ran;
       if (own.sound())
@@ -276,7 +272,7 @@ reports::Document comparison_document(const Comparison& c, const Context& made) 
   scan.blocks.push_back(scan_table(c));
   for (const Shown& what : shown) {
     const bool any = std::ranges::any_of(c.points, [&](const Point& point) {
-      return measured(point) &&
+      return was_measured(point) &&
              std::ranges::any_of(point.filters, [&](const Fare& own) { return !std::isnan(what.digits(own)); });
     });
     if (!any) continue;

@@ -1,9 +1,9 @@
 #include <kfstab/experiments/cost.hpp>
 
 #include <cctype>
-#include <limits>
 #include <string>
 
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/properties/expression.hpp>
 
 namespace kfstab::experiments {
@@ -34,7 +34,7 @@ std::string with_products(std::string_view formula) {
 }  // namespace
 
 double operations(const Metadata& filter, Dimensions dimensions) {
-  if (filter.operations.empty()) return std::numeric_limits<double>::quiet_NaN();
+  if (filter.operations.empty()) return NaN;
   const auto n = static_cast<double>(dimensions.n), m = static_cast<double>(dimensions.m),
              p = static_cast<double>(dimensions.p);
   return properties::Expressions({{"n", n}, {"m", m}, {"p", p}, {"alpha", n}, {"s", 6}})(

@@ -10,6 +10,11 @@
 /// The curves that claims draw: all at once, or to be filled point by point.
 namespace kfstab::experiments {
 
+/// A slot of the palette that is a black cross; filters are few and have the first ones.
+inline constexpr int black_cross = 76;
+/// Small multiples, where filters would hide one another.
+inline constexpr std::size_t panels_a_figure = 6;
+
 /// What was measured of a filter of the registry, in the filter's name and colour.
 reports::Curve measured(std::string_view filter, std::vector<double> x, std::vector<double> y,
                         reports::CurveRole role = reports::CurveRole::measured_points);

@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
-#include <limits>
 #include <optional>
 #include <set>
 
 #include <fmt/core.h>
 
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/properties/input_error.hpp>
 #include <kfstab/reports/number.hpp>
 
@@ -30,7 +30,7 @@ std::string relative_change(double before, double after) {
 
 /// How far a change is from none, to put the largest first.
 double size_of_change(double before, double after) {
-  if (!std::isfinite(before) || !std::isfinite(after)) return std::numeric_limits<double>::infinity();
+  if (!std::isfinite(before) || !std::isfinite(after)) return infinity;
   return std::abs(after - before) / std::max({std::abs(before), std::abs(after), 1e-300});
 }
 

@@ -2,12 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <map>
 #include <variant>
 
 #include <fmt/core.h>
 
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/interruption.hpp>
 #include <kfstab/filters/counting.hpp>
 #include <kfstab/filters/registry.hpp>
@@ -19,8 +19,6 @@ namespace {
 
 using reports::short_number;
 
-constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-constexpr double u = std::numeric_limits<double>::epsilon() / 2;
 constexpr int half_word = 26;
 constexpr std::size_t most_losses = 3;
 
@@ -36,7 +34,7 @@ class Lookup {
   explicit Lookup(const Series& series) : points_(series.points()) {}
   double operator()(double step) const {
     const auto after = std::ranges::upper_bound(points_.step, step);
-    if (after == points_.step.begin()) return nan;
+    if (after == points_.step.begin()) return NaN;
     return points_.value[static_cast<std::size_t>(after - points_.step.begin() - 1)];
   }
 
@@ -173,11 +171,11 @@ std::optional<Cancellations> count(const properties::System& asked, const Metada
       y = convert(data.y, to_number);
       u_k = convert(data.u, to_number);
     }
-    operations() = {};
+    kfstab::operations() = {};
     if (!instance->step(k, stream ? &y : nullptr, stream && u_k.size() > 0 ? &u_k : nullptr).report) break;
-    result.additions += operations().additions;
-    result.any += operations().cancellations(1);
-    const auto here = operations().cancellations(half_word);
+    result.additions += kfstab::operations().additions;
+    result.any += kfstab::operations().cancellations(1);
+    const auto here = kfstab::operations().cancellations(half_word);
     result.half_word += here;
     if (here > result.at_step) {
       result.step = k;

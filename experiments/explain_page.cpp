@@ -2,11 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <utility>
 
 #include <fmt/core.h>
 
+#include <kfstab/experiments/constants.hpp>
+#include <kfstab/experiments/curves.hpp>
 #include <kfstab/experiments/models.hpp>
 #include <kfstab/reports/number.hpp>
 
@@ -15,8 +16,6 @@ namespace {
 
 using reports::short_number;
 
-constexpr double u = std::numeric_limits<double>::epsilon() / 2;
-constexpr std::size_t panels_a_figure = 6;
 /// More digits would not fit their cells.
 constexpr Index largest_with_numbers = 8;
 

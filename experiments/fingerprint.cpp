@@ -3,13 +3,13 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <limits>
 #include <memory>
 #include <utility>
 
 #include <fmt/core.h>
 
 #include <kfstab/experiments/asymmetry.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/ladder.hpp>
 #include <kfstab/experiments/models.hpp>
 #include <kfstab/filters/registry.hpp>
@@ -26,10 +26,6 @@ using properties::Ending;
 using properties::Precise;
 using properties::Subject;
 using properties::System;
-
-constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-constexpr double infinity = std::numeric_limits<double>::infinity();
-const double u = unit_roundoff<double>();
 
 // --- the ladders --------------------------------------------------------------------------------------------------------
 
@@ -197,7 +193,7 @@ const Systems& systems() {
 
 /// The worst of a run.
 struct Worst {
-  double P = nan, K = nan, x = nan;  ///< NaN where nothing was answered
+  double P = NaN, K = NaN, x = NaN;  ///< NaN where nothing was answered
   bool indefinite = false;           ///< not positive semidefinite at some step
   bool broken = false;               ///< broke down, or did not answer
   std::optional<std::string> refused;
@@ -390,7 +386,7 @@ class Decades {
     ++curves_;
   }
   /// NaN where there was nothing in common.
-  double mean() const { return curves_ > 0 ? sum_ / curves_ : nan; }
+  double mean() const { return curves_ > 0 ? sum_ / curves_ : NaN; }
 
  private:
   double level(double error, double least) const { return std::log10(std::clamp(error, least, most_)); }
@@ -440,7 +436,7 @@ class Registry {
         // ln det is a sum of logarithms as large as some 50, each rounded.
         const double low = climb.id == "graded" && &errors == &climb.P ? 200 * r : 20 * r;
         const Line line = fit_power(climb.at, errors, low, .01);
-        return line.points < 3 ? Line{nan, nan, line.points, infinity} : line;
+        return line.points < 3 ? Line{NaN, NaN, line.points, infinity} : line;
       };
       climb.P_slope = slope(climb.P);
       climb.K_slope = slope(climb.K);
@@ -450,7 +446,7 @@ class Registry {
 
  private:
   static double growth(const std::vector<double>& curve, double r) {
-    if (curve.empty()) return nan;
+    if (curve.empty()) return NaN;
     const double most = *std::ranges::max_element(curve), large = 1e-4;
     if (most == 0) return 0;
     return most <= large ? 1 : fit_growth(curve, 20 * r, large).factor;
@@ -478,10 +474,6 @@ std::string in_words(double digits) {
 /// Of the gain or of P, whichever is determined better.
 const Line& slope_of(const Climb& climb) {
   return climb.P_slope.half_width < climb.K_slope.half_width ? climb.P_slope : climb.K_slope;
-}
-
-const Fingerprint& of_registry(std::string_view id) {
-  return *std::ranges::find(registry().fingerprints(), id, [](const Fingerprint& f) { return f.subject.name; });
 }
 
 std::string likeness(const Fingerprint& f) {
@@ -526,6 +518,10 @@ const AsymmetryRun& Fingerprint::asymmetry(std::string_view run) const {
 
 const std::vector<Fingerprint>& registry_fingerprints() { return registry().fingerprints(); }
 
+const Fingerprint& registry_fingerprint(std::string_view id) {
+  return *std::ranges::find(registry().fingerprints(), id, [](const Fingerprint& f) { return f.subject.name; });
+}
+
 std::optional<Fingerprint> fingerprint(Subject& subject, const std::function<bool()>& stop) {
   properties::Truths truths = registry().truths();
   auto result = Measurement(subject, truths, stop).all();
@@ -559,7 +555,7 @@ std::string sentence(const Fingerprint& f) {
   const Climb& innovation = f.climb("innovation");
   if (const double lost = slope_of(innovation).slope; !std::isnan(lost)) {
     parts.push_back(fmt::format("loses {} per decade of {}", in_words(lost), innovation.symbol));
-    const double root = slope_of(of_registry("srcf").climb("innovation")).slope;
+    const double root = slope_of(registry_fingerprint("srcf").climb("innovation")).slope;
     if (lost > root + .5) {
       const std::string words = in_words(root);
       parts.back() += fmt::format(" (srcf would lose {})", words.substr(0, words.find(' ')));

@@ -86,6 +86,8 @@ std::optional<Fingerprint> fingerprint(properties::Subject& subject, const std::
 
 /// The fingerprint of each filter of the registry, in its order, without neighbours.
 const std::vector<Fingerprint>& registry_fingerprints();
+/// That of the filter with this id.
+const Fingerprint& registry_fingerprint(std::string_view id);
 
 /// In a sentence: "behaves like ckf-gain: loses two digits per decade of k(Re^1/2) (srcf would lose one), its asymmetry grows
 /// by |l1 l2| = 1.10 a step, definiteness is lost at d = 3.8e-06".

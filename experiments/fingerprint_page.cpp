@@ -6,8 +6,10 @@
 
 #include <fmt/core.h>
 
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/curves.hpp>
 #include <kfstab/experiments/models.hpp>
+#include <kfstab/experiments/pages.hpp>
 #include <kfstab/reports/number.hpp>
 
 namespace kfstab::experiments {
@@ -15,11 +17,8 @@ namespace {
 
 using reports::short_number;
 
-/// A slot of the palette that is a black cross, as in compare_page.cpp.
-constexpr int black_cross = 76;
-
 /// What a figure of a ladder shows.
-struct Shown {
+struct LadderFigure {
   const char* ladder;
   const char* title;
   const char* question;
@@ -28,54 +27,51 @@ struct Shown {
   double powers[2];
   const char* lines[2];
 };
-constexpr Shown shown[] = {{"innovation",
-                            "Nearly dependent measurements",
-                            "How many digits does one step lose when the innovations are nearly dependent? What holds "
-                            "P loses k^2, what holds a "
-                            "root k.",
-                            "relative error of K",
-                            true,
-                            {2, 1},
-                            {"theory: u k^2", "theory: u k"}},
-                           {"prior",
-                            "A weak prior",
-                            "How much does it cost to start from knowing next to nothing? What holds P loses the "
-                            "prior's variance, what holds a "
-                            "root the root of it.",
-                            "worst relative error of P in 6 steps",
-                            false,
-                            {1, .5},
-                            {"theory: u prior", "theory: u prior^1/2"}},
-                           {"accurate",
-                            "Two nearly equal, accurate measurements",
-                            "How long does it last when two measurements come to say the same, ever more exactly? What "
-                            "holds P ends near 1/d = "
-                            "2^26, what holds a root near 2^52.",
-                            "worst relative error of P in 4 steps",
-                            false,
-                            {2, 1},
-                            {"theory: u/d^2", "theory: u/d"}},
-                           {"graded",
-                            "Variances of very different size",
-                            "What becomes of the small variances of a graded P0 under the large ones? Without process "
-                            "noise det P is known; what "
-                            "holds P loses k(P0), most roots the root of it.",
-                            "worst error of ln det P in 4 steps",
-                            false,
-                            {1, .5},
-                            {"theory: u k", "theory: u k^1/2"}},
-                           {"dynamics",
-                            "A nearly singular A",
-                            "Who inverts A? An information filter loses k(A), by normal equations its square; what "
-                            "holds P or S loses nothing.",
-                            "relative error of P after 2 steps",
-                            false,
-                            {2, 1},
-                            {"theory: u k^2", "theory: u k"}}};
-
-const Fingerprint& of_registry(std::string_view id) {
-  return *std::ranges::find(registry_fingerprints(), id, [](const Fingerprint& f) { return f.subject.name; });
-}
+constexpr LadderFigure ladder_figures[] = {
+    {"innovation",
+     "Nearly dependent measurements",
+     "How many digits does one step lose when the innovations are nearly dependent? What holds "
+     "P loses k^2, what holds a "
+     "root k.",
+     "relative error of K",
+     true,
+     {2, 1},
+     {"theory: u k^2", "theory: u k"}},
+    {"prior",
+     "A weak prior",
+     "How much does it cost to start from knowing next to nothing? What holds P loses the "
+     "prior's variance, what holds a "
+     "root the root of it.",
+     "worst relative error of P in 6 steps",
+     false,
+     {1, .5},
+     {"theory: u prior", "theory: u prior^1/2"}},
+    {"accurate",
+     "Two nearly equal, accurate measurements",
+     "How long does it last when two measurements come to say the same, ever more exactly? What "
+     "holds P ends near 1/d = "
+     "2^26, what holds a root near 2^52.",
+     "worst relative error of P in 4 steps",
+     false,
+     {2, 1},
+     {"theory: u/d^2", "theory: u/d"}},
+    {"graded",
+     "Variances of very different size",
+     "What becomes of the small variances of a graded P0 under the large ones? Without process "
+     "noise det P is known; what "
+     "holds P loses k(P0), most roots the root of it.",
+     "worst error of ln det P in 4 steps",
+     false,
+     {1, .5},
+     {"theory: u k", "theory: u k^1/2"}},
+    {"dynamics",
+     "A nearly singular A",
+     "Who inverts A? An information filter loses k(A), by normal equations its square; what "
+     "holds P or S loses nothing.",
+     "relative error of P after 2 steps",
+     false,
+     {2, 1},
+     {"theory: u k^2", "theory: u k"}}};
 
 /// Those that stand for their kind, and those that are like the subject.
 std::vector<std::string_view> beside(const Fingerprint& f, std::vector<std::string_view> typical) {
@@ -93,7 +89,7 @@ reports::Curve of_subject(const Fingerprint& f, std::vector<double> x, std::vect
           std::move(y), reports::CurveRole::measured_points, black_cross};
 }
 
-reports::Figure ladder_figure(const Fingerprint& f, const Shown& what, const std::string& prefix) {
+reports::Figure ladder_figure(const Fingerprint& f, const LadderFigure& what, const std::string& prefix) {
   const Climb& own = f.climb(what.ladder);
   const bool gain = (what.gain && any_finite(own.K)) || !any_finite(own.P);
   const auto errors = [gain](const Climb& climb) { return gain ? climb.K : climb.P; };
@@ -105,12 +101,11 @@ reports::Figure ladder_figure(const Fingerprint& f, const Shown& what, const std
   figure.x = {std::string(own.difficulty), true};
   figure.y = {gain == what.gain ? what.y : gain ? "worst relative error of K" : "worst relative error of P", true};
   for (const std::string_view id : beside(f, {"ckf", "joseph", "srcf", "srif", "information"})) {
-    const Climb& climb = of_registry(id).climb(what.ladder);
+    const Climb& climb = registry_fingerprint(id).climb(what.ladder);
     if (any_finite(errors(climb)))
       figure.curves.push_back(measured(id, climb.at, errors(climb), reports::CurveRole::measured_line));
   }
   figure.curves.push_back(of_subject(f, own.at, errors(own)));
-  const double u = unit_roundoff<double>();
   for (int i = 0; i < 2; ++i)
     figure.curves.push_back(theory_line(fmt::format("theory-{}", i + 1), what.lines[i], own.at,
                                         [&](double x) { return u * std::pow(x, what.powers[i]); }));
@@ -146,7 +141,7 @@ reports::Figure asymmetry_figure(const Fingerprint& f, std::string_view which, c
   figure.x = {"step k", false};
   figure.y = {"asymmetry, ||P - P'|| / 2 relative to ||P||", true};
   for (const std::string_view id : beside(f, {"ckf-textbook", "ckf-mixed", "ckf-gain", "ckf-cp"})) {
-    const AsymmetryRun& run = of_registry(id).asymmetry(which);
+    const AsymmetryRun& run = registry_fingerprint(id).asymmetry(which);
     figure.curves.push_back(measured(id, steps_of(run), run.curve, reports::CurveRole::measured_line));
   }
   // Every tenth: a cross a step would be a band.
@@ -155,7 +150,7 @@ reports::Figure asymmetry_figure(const Fingerprint& f, std::string_view which, c
   figure.curves.push_back(std::move(subject));
   if (one) {
     auto line = theory_line("theory", fmt::format("theory: u {:.4g}^k", own.product));
-    for (int k = 0; k <= 300; k += 10) add_point(line, k, unit_roundoff<double>() * std::pow(own.product, k));
+    for (int k = 0; k <= 300; k += 10) add_point(line, k, u * std::pow(own.product, k));
     figure.curves.push_back(std::move(line));
   }
   return figure;
@@ -167,19 +162,11 @@ std::string slope_text(const Line& line) {
 
 std::string at(const std::optional<double>& difficulty) { return difficulty ? short_number(*difficulty) : "never"; }
 
-std::string kebab(const std::string& name) {
-  std::string id;
-  for (const char c : name)
-    id += std::isalnum(static_cast<unsigned char>(c)) ? static_cast<char>(std::tolower(static_cast<unsigned char>(c)))
-                                                      : '-';
-  return id;
-}
-
 }  // namespace
 
 reports::Table slope_table(const Fingerprint& f) {
   using enum reports::Alignment;
-  const Fingerprint* nearest = f.neighbours.empty() ? nullptr : &of_registry(f.neighbours.front().filter->id);
+  const Fingerprint* nearest = f.neighbours.empty() ? nullptr : &registry_fingerprint(f.neighbours.front().filter->id);
   reports::Table table;
   table.caption =
       "Digits lost per decade of difficulty, with 95 % confidence intervals; - where nothing is lost, or all at once";
@@ -213,9 +200,9 @@ reports::Section fingerprint_section(const Fingerprint& f, const std::string& pr
   section.blocks.push_back(
       reports::Paragraph{fmt::format("On ordinary systems it errs by {:.1e}: that of an arithmetic with u = {:.1e}, "
                                      "where double has {:.1e}. {} steps.",
-                                     f.ordinary_error, f.roundoff, unit_roundoff<double>(), f.steps)});
+                                     f.ordinary_error, f.roundoff, u, f.steps)});
   section.blocks.push_back(slope_table(f));
-  for (const Shown& what : shown)
+  for (const LadderFigure& what : ladder_figures)
     if (any_finite(f.climb(what.ladder).P) || any_finite(f.climb(what.ladder).K))
       section.blocks.push_back(ladder_figure(f, what, prefix));
   if (f.subject.holds == Held::covariance)
@@ -247,8 +234,9 @@ reports::Document fingerprint_document(const std::vector<Fingerprint>& fingerpri
   document.context = made;
   for (std::size_t i = 0; i < fingerprints.size(); ++i)
     document.sections.push_back(fingerprint_section(
-        fingerprints[i],
-        fingerprints.size() == 1 ? "fingerprint" : fmt::format("{}-{}", kebab(fingerprints[i].subject.name), i + 1)));
+        fingerprints[i], fingerprints.size() == 1
+                             ? "fingerprint"
+                             : fmt::format("{}-{}", anchor_of(fingerprints[i].subject.name), i + 1)));
   return document;
 }
 

@@ -2,20 +2,18 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include <boost/math/distributions/students_t.hpp>
 
+#include <kfstab/experiments/constants.hpp>
+
 namespace kfstab::experiments {
-namespace {
-constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-constexpr double infinity = std::numeric_limits<double>::infinity();
-}  // namespace
+namespace {}  // namespace
 
 Line fit_line(const std::vector<double>& x, const std::vector<double>& y) {
   Line line;
   line.points = static_cast<int>(x.size());
-  if (x.size() < 2) return {nan, nan, line.points, infinity};
+  if (x.size() < 2) return {NaN, NaN, line.points, infinity};
   double mean_x = 0, mean_y = 0;
   for (std::size_t i = 0; i < x.size(); ++i) {
     mean_x += x[i];
@@ -56,7 +54,7 @@ Line fit_power(const std::vector<double>& x, const std::vector<double>& y, doubl
 
 double quantile(std::vector<double> values, double fraction) {
   std::erase_if(values, [](double v) { return std::isnan(v); });
-  if (values.empty()) return nan;
+  if (values.empty()) return NaN;
   std::ranges::sort(values);
   const double place = fraction * static_cast<double>(values.size() - 1);
   const auto below = static_cast<std::size_t>(place);
@@ -81,7 +79,7 @@ Growth fit_growth(const std::vector<double>& y, double low, double high) {
   for (std::size_t i = 0; i < end; ++i)
     if (!(y[i] >= low)) begin = i + 1;
   begin += (end - begin) / 4;
-  Growth growth{nan, static_cast<int>(begin), static_cast<int>(end)};
+  Growth growth{NaN, static_cast<int>(begin), static_cast<int>(end)};
   if (end < begin + 8) return growth;
   std::vector<double> steps, logs;
   for (std::size_t i = begin; i < end; ++i) {

@@ -59,14 +59,14 @@ class Foreign::Driven final : public AnyFilter<double> {
       throw ForeignStop(what(*ended));
   }
 
-  Step<double> step(std::int64_t k, const Vector<double>* y, const Vector<double>* u) override {
+  Step<double> step(std::int64_t k, const Vector<double>* y, const Vector<double>* inputs) override {
     Step<double> result;
     const auto& now = problem_->model(k);
     // Without data every y is as good as any other.
     const Vector<double> no_data = Vector<double>::Zero(now.C.rows());
     const Vector<double>* measured = now.C.rows() == 0 ? nullptr : y ? y : &no_data;
     if (owner_.traits_.starts_predicted) {
-      take(filter_->step({now.A, now.B, now.C, now.Q, now.R, u ? &now.D : nullptr, u, measured}));
+      take(filter_->step({now.A, now.B, now.C, now.Q, now.R, inputs ? &now.D : nullptr, inputs, measured}));
     } else if (k == 0) {
       const Index n = now.A.rows();
       take(filter_->step({Matrix<double>::Identity(n, n), Matrix<double>::Zero(n, now.B.cols()), now.C, now.Q, now.R,
@@ -77,7 +77,7 @@ class Foreign::Driven final : public AnyFilter<double> {
       take(filter_->step({before.A, before.B, now.C, before.Q, now.R, input ? &before.D : nullptr,
                           input ? &u_before_ : nullptr, measured}));
     }
-    u_before_ = u ? *u : Vector<double>();
+    u_before_ = inputs ? *inputs : Vector<double>();
     result.held = &answer_.held;
     if (answer_.gain) result.gain = &*answer_.gain;
     if (y && answer_.state) result.state = &*answer_.state;

@@ -1,9 +1,9 @@
 #include <kfstab/experiments/ladder.hpp>
 
 #include <algorithm>
-#include <limits>
 #include <string>
 
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/models.hpp>
 
 namespace kfstab::experiments {
@@ -31,7 +31,7 @@ std::vector<double> Ladder::quantiles(double fraction) const {
 
 double Ladder::growth() const {
   const auto all = medians();
-  return all.empty() ? std::numeric_limits<double>::quiet_NaN() : *std::ranges::max_element(all) / all.front();
+  return all.empty() ? NaN : *std::ranges::max_element(all) / all.front();
 }
 
 void add_curves(reports::Figure& figure, const Ladder& ladder, std::string_view filter) {

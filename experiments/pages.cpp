@@ -29,13 +29,6 @@ std::string seconds_text(double seconds) {
 }
 
 /// Id-safe: letters, digits and '-'.
-std::string kebab(const std::string& name) {
-  std::string id;
-  for (const char c : name)
-    id += std::isalnum(static_cast<unsigned char>(c)) ? static_cast<char>(std::tolower(c)) : '-';
-  return id;
-}
-
 reports::Figure run_figure(const SystemRun& run, const std::string& prefix, const std::string& id, std::string title,
                            std::string caption, std::string y_label, bool log, Series FilterRun::*of) {
   reports::Figure figure{prefix + "-" + id, std::move(title),          std::move(caption),
@@ -144,6 +137,13 @@ void add_invitation(reports::Section& section, const ClaimResult& r) {
 
 }  // namespace
 
+std::string anchor_of(const std::string& name) {
+  std::string anchor;
+  for (const char c : name)
+    anchor += std::isalnum(static_cast<unsigned char>(c)) ? static_cast<char>(std::tolower(c)) : '-';
+  return anchor;
+}
+
 reports::Table run_table(const SystemRun& run) {
   using enum reports::Alignment;
   reports::Table table;
@@ -193,7 +193,7 @@ reports::Document run_document(const std::vector<SystemRun>& runs, const Context
   std::set<std::string> anchors{"environment", "filters", "verdicts"};  // the page's own
   for (const SystemRun& run : runs) {
     // Systems may share a name, or differ in what an id cannot hold.
-    const std::string base = run.name.empty() ? "system" : kebab(run.name);
+    const std::string base = run.name.empty() ? "system" : anchor_of(run.name);
     std::string anchor = base;
     for (int n = 2; !anchors.insert(anchor).second; ++n) anchor = fmt::format("{}-{}", base, n);
     reports::Section section;

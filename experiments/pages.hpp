@@ -13,6 +13,9 @@
 /// Results as documents, for people: what the terminal and the pages show.
 namespace kfstab::experiments {
 
+/// A name in kebab-case, as anchors are.
+std::string anchor_of(const std::string& name);
+
 /// The table of a run: a row a filter.
 reports::Table run_table(const SystemRun& run);
 

@@ -49,8 +49,8 @@ Matrix<double> covariance_of(const Metadata& filter, const Matrix<double>& held)
   return held;
 }
 
-std::vector<Difference> differences(const Metadata& filter, const properties::System& system, const Matrix<double>& dP,
-                                    const Vector<double>& dx, const Matrix<double>& y) {
+std::vector<Deviation> deviations(const Metadata& filter, const properties::System& system, const Matrix<double>& dP,
+                                  const Vector<double>& dx, const Matrix<double>& y) {
   properties::System disturbed = system;
   if (dP.size() > 0) disturbed.P0.value.matrices.front() += dP;
   if (dx.size() > 0) disturbed.x0 += dx;
@@ -59,24 +59,24 @@ std::vector<Difference> differences(const Metadata& filter, const properties::Sy
   one->start(problem);
   other->start(other_problem);
 
-  std::vector<Difference> result;
+  std::vector<Deviation> result;
   for (std::int64_t k = 0; k < system.steps; ++k) {
     Vector<double> y_k;
     if (y.size() > 0) y_k = y.col(k);
     const auto a = one->step(k, y.size() > 0 ? &y_k : nullptr, nullptr);
     const auto b = other->step(k, y.size() > 0 ? &y_k : nullptr, nullptr);
     if (!a.report || !b.report) break;
-    Difference& difference = result.emplace_back();
-    if (a.held) difference.P = covariance_of(filter, *b.held) - covariance_of(filter, *a.held);
-    difference.gain = *b.gain - *a.gain;
-    if (a.state) difference.x = *b.state - *a.state;
+    Deviation& deviation = result.emplace_back();
+    if (a.held) deviation.P = covariance_of(filter, *b.held) - covariance_of(filter, *a.held);
+    deviation.gain = *b.gain - *a.gain;
+    if (a.state) deviation.x = *b.state - *a.state;
   }
   return result;
 }
 
-std::vector<double> sizes_of_P(const std::vector<Difference>& differences) {
+std::vector<double> sizes_of_P(const std::vector<Deviation>& deviations) {
   std::vector<double> sizes;
-  for (const Difference& difference : differences) sizes.push_back(difference.P.norm());
+  for (const Deviation& deviation : deviations) sizes.push_back(deviation.P.norm());
   return sizes;
 }
 

@@ -9,30 +9,30 @@
 /// dx.
 namespace kfstab::experiments {
 
-/// P of what a filter holds, n x n, in double. For differences that are large beside rounding; what a filter's own
+/// P of what a filter holds, n x n, in double. For deviations that are large beside rounding; what a filter's own
 /// rounding did is measured by reference::Trajectory. Not for Held::gain.
 Matrix<double> covariance_of(const Metadata& filter, const Matrix<double>& held);
 
 /// The difference of the two runs after a step; its P is predicted or filtered as the filter's metadata say.
-struct Difference {
+struct Deviation {
   Matrix<double> P, gain;  ///< P is empty for a filter that holds none
   Vector<double> x;        ///< empty in a run without data
 };
 
-/// The differences after steps 0, 1 ... of system.steps.
+/// The deviations after steps 0, 1 ... of system.steps.
 /// @param dP  n x n, symmetric, or empty for none; system.P0 is written as a covariance. Each parametrisation takes P0 and
 ///            P0 + dP, rounded once.
 /// @param dx  n, or empty for none
 /// @param y   p x steps, or empty for a run without data
 /// Ends early where one of the two runs breaks down.
-std::vector<Difference> differences(const Metadata& filter, const properties::System& system, const Matrix<double>& dP,
-                                    const Vector<double>& dx, const Matrix<double>& y);
+std::vector<Deviation> deviations(const Metadata& filter, const properties::System& system, const Matrix<double>& dP,
+                                  const Vector<double>& dx, const Matrix<double>& y);
 
-/// The sizes of the differences of P, step by step.
-std::vector<double> sizes_of_P(const std::vector<Difference>& differences);
+/// The sizes of the deviations of P, step by step.
+std::vector<double> sizes_of_P(const std::vector<Deviation>& deviations);
 
 /// The largest of the last 20 sizes: of two runs that have long forgotten what disturbed one of them, what their rounding
-/// makes of the difference. The floor of a filter, which is higher where P^{-1} is held.
+/// makes of the deviation. The floor of a filter, which is higher where P^{-1} is held.
 double noise(const std::vector<double>& sizes);
 
 /// What carries an error of P_{0|-1} to what each filter holds after steps 0, 1 ...: the products of the closed loops,

@@ -108,46 +108,46 @@ class Computation {
   Trajectory truth_;
 };
 
-void add(Fingerprint& fingerprint, const Matrix<Rational>& X) {
-  fingerprint.add(std::to_string(X.rows()) + " x " + std::to_string(X.cols()));
+void add(Checksum& checksum, const Matrix<Rational>& X) {
+  checksum.add(std::to_string(X.rows()) + " x " + std::to_string(X.cols()));
   for (Index j = 0; j < X.cols(); ++j)
-    for (Index i = 0; i < X.rows(); ++i) fingerprint.add(X(i, j).str());
+    for (Index i = 0; i < X.rows(); ++i) checksum.add(X(i, j).str());
 }
 
 /// The program's own bytes: two builds of one revision may differ, and so may what they compute.
-void add_program(Fingerprint& fingerprint) {
+void add_program(Checksum& checksum) {
   for (const auto& [name, value] : context())
-    if (name != "date") fingerprint.add(value);
+    if (name != "date") checksum.add(value);
   std::ifstream program("/proc/self/exe", std::ios::binary);
   std::string piece(std::size_t{1} << 20, '\0');
   while (program.read(piece.data(), static_cast<std::streamsize>(piece.size())) || program.gcount() > 0)
-    fingerprint.add(std::string_view(piece).substr(0, static_cast<std::size_t>(program.gcount())));
+    checksum.add(std::string_view(piece).substr(0, static_cast<std::size_t>(program.gcount())));
 }
 
 /// Of everything that the lines depend on.
 std::string cache_key(const ExactProblem& problem, const ExactData* data, const Data* written, std::int64_t steps,
                       int digits) {
-  Fingerprint fingerprint;
-  add_program(fingerprint);
-  fingerprint.add(std::to_string(digits));
-  fingerprint.add(std::to_string(steps));
-  fingerprint.add(std::to_string(problem.models.size()));
+  Checksum checksum;
+  add_program(checksum);
+  checksum.add(std::to_string(digits));
+  checksum.add(std::to_string(steps));
+  checksum.add(std::to_string(problem.models.size()));
   for (const auto& model : problem.models)
-    for (const auto* X : {&model.A, &model.B, &model.C, &model.D, &model.Q, &model.R}) add(fingerprint, *X);
-  add(fingerprint, problem.initial);
-  add(fingerprint, problem.x0);
-  fingerprint.add(data ? "data" : "no data");
+    for (const auto* X : {&model.A, &model.B, &model.C, &model.D, &model.Q, &model.R}) add(checksum, *X);
+  add(checksum, problem.initial);
+  add(checksum, problem.x0);
+  checksum.add(data ? "data" : "no data");
   if (data) {
     const auto stream = data->open();
     const auto with_gaps = written->open();
     for (std::int64_t k = 0; k < steps; ++k) {
       const auto& step = stream->next();
-      add(fingerprint, step.y);
-      add(fingerprint, step.u);
-      for (const double y : with_gaps->next().y) fingerprint.add(std::isnan(y) ? "missing" : "there");
+      add(checksum, step.y);
+      add(checksum, step.u);
+      for (const double y : with_gaps->next().y) checksum.add(std::isnan(y) ? "missing" : "there");
     }
   }
-  return fingerprint.hex();
+  return checksum.hex();
 }
 
 }  // namespace

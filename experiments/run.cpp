@@ -11,6 +11,7 @@
 
 #include <fmt/core.h>
 
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/interruption.hpp>
 #include <kfstab/filters/registry.hpp>
 #include <kfstab/properties/data.hpp>
@@ -26,8 +27,6 @@ namespace {
 using reference::Errors;
 using reference::FirstOrderBound;
 using reference::Trajectory;
-
-constexpr int bits_of_double = std::numeric_limits<double>::digits;
 
 /// The numbers of one parametrisation, and the truth about them: shared by all filters that take it.
 struct Course {
@@ -152,7 +151,7 @@ double time_step(const Metadata& metadata, const AnyProblem<double>& problem, co
   }
   const auto filter = make_filter<double>(metadata.id);
   using clock = std::chrono::steady_clock;
-  double best = std::numeric_limits<double>::quiet_NaN();
+  double best = NaN;
   clock::duration spent{};
   for (int round = 0; round < 100 && spent < std::chrono::milliseconds(10); ++round) {
     filter->start(problem);
@@ -286,7 +285,7 @@ SystemRun run(const properties::System& asked, const std::vector<const Metadata*
       runner.result.seconds_per_step =
           time_step(*runner.result.metadata, *runner.course->numbers(), system, result.steps_done);
     else
-      runner.result.seconds_per_step = std::numeric_limits<double>::quiet_NaN();
+      runner.result.seconds_per_step = NaN;
     result.filters.push_back(std::move(runner.result));
   }
   return result;

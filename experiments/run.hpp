@@ -2,13 +2,13 @@
 
 #include <cstdint>
 #include <functional>
-#include <limits>
 #include <map>
 #include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/foreign.hpp>
 #include <kfstab/experiments/series.hpp>
 #include <kfstab/filters/any_filter.hpp>
@@ -36,7 +36,7 @@ struct FilterRun {
   Series gain_bound;  ///< of gain_error
 
   /// Of P at the last step.
-  double correct_digits = std::numeric_limits<double>::quiet_NaN();
+  double correct_digits = NaN;
   std::optional<std::int64_t> first_indefinite;  ///< first step at which P was not positive semidefinite
   std::optional<std::int64_t> first_failure;     ///< step that the filter could not do; it was not stepped on
   Status failure = Status::ok;

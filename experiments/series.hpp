@@ -1,8 +1,9 @@
 #pragma once
 
 #include <cstdint>
-#include <limits>
 #include <vector>
+
+#include <kfstab/experiments/constants.hpp>
 
 namespace kfstab::experiments {
 
@@ -46,9 +47,8 @@ class Series {
   std::vector<Stretch> stretches_;
   std::int64_t width_ = 1;  ///< steps in a stretch
   std::int64_t count_ = 0;
-  static constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-  Point first_{0, nan}, last_{0, nan};
-  double largest_ = nan, smallest_ = nan;
+  Point first_{0, NaN}, last_{0, NaN};
+  double largest_ = NaN, smallest_ = NaN;
 };
 
 }  // namespace kfstab::experiments

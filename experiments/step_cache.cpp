@@ -12,32 +12,32 @@ namespace fs = std::filesystem;
 
 std::string title(const std::string& key) { return "kfstab.reference-cache/1 " + key; }
 
-std::string end(std::int64_t lines, const std::string& fingerprint) {
-  return fmt::format("end of {} lines, {}", lines, fingerprint);
+std::string end(std::int64_t lines, const std::string& checksum) {
+  return fmt::format("end of {} lines, {}", lines, checksum);
 }
 
 /// How many lines the file holds after its title; nothing unless its last line says that it is whole.
 std::optional<std::int64_t> whole(std::istream& file, const std::string& key) {
   std::string line, next;
   if (!std::getline(file, line) || line != title(key) || !std::getline(file, line)) return std::nullopt;
-  Fingerprint fingerprint;
-  fingerprint.add(title(key));
+  Checksum checksum;
+  checksum.add(title(key));
   std::int64_t lines = 0;
   // A line is the last one if there is none behind it.
-  for (; std::getline(file, next); line.swap(next), ++lines) fingerprint.add(line);
-  if (line != end(lines, fingerprint.hex())) return std::nullopt;
+  for (; std::getline(file, next); line.swap(next), ++lines) checksum.add(line);
+  if (line != end(lines, checksum.hex())) return std::nullopt;
   return lines;
 }
 
 }  // namespace
 
-void Fingerprint::add(std::string_view text) {
+void Checksum::add(std::string_view text) {
   const std::string length = fmt::format("{}:", text.size());
   sha1_.process_bytes(length.data(), length.size());
   sha1_.process_bytes(text.data(), text.size());
 }
 
-std::string Fingerprint::hex() {
+std::string Checksum::hex() {
   boost::uuids::detail::sha1::digest_type digest;
   sha1_.get_digest(digest);
   std::string text;
@@ -75,13 +75,13 @@ void StepCache::Entry::add(std::string_view line) {
 }
 
 void StepCache::Entry::write(std::string_view line) {
-  fingerprint_.add(line);
+  checksum_.add(line);
   file_.write(line);
   file_.write("\n");
 }
 
 void StepCache::Entry::commit() {
-  file_.write(end(lines_, fingerprint_.hex()) + "\n");
+  file_.write(end(lines_, checksum_.hex()) + "\n");
   file_.commit();
 }
 

@@ -15,7 +15,7 @@
 namespace kfstab::experiments {
 
 /// SHA-1 of a list of texts. Each goes in with its length, so that no two lists run into one.
-class Fingerprint {
+class Checksum {
  public:
   void add(std::string_view text);
   /// 40 hexadecimal digits; nothing can be added any more.
@@ -48,7 +48,7 @@ class StepCache {
     void write(std::string_view line);
 
     reports::PendingFile file_;
-    Fingerprint fingerprint_;
+    Checksum checksum_;
     std::int64_t lines_ = 0;
   };
 

@@ -8,12 +8,12 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
-#include <limits>
 #include <optional>
 
 #include <fmt/core.h>
 #include <nlohmann/json.hpp>
 
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/properties/input_error.hpp>
 #include <kfstab/reports/files.hpp>
 
@@ -75,10 +75,9 @@ class Node {
     if (value_->is_number()) return value_->get<double>();
     if (value_->is_string()) {
       const auto word = value_->get<std::string>();
-      constexpr double inf = std::numeric_limits<double>::infinity();
-      if (word == "nan") return std::numeric_limits<double>::quiet_NaN();
-      if (word == "inf") return inf;
-      if (word == "-inf") return -inf;
+      if (word == "nan") return NaN;
+      if (word == "inf") return infinity;
+      if (word == "-inf") return -infinity;
     }
     refuse("a number, nan, inf or -inf");
   }

@@ -2,17 +2,16 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <memory>
 #include <stdexcept>
 
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/models.hpp>
 #include <kfstab/filters/registry.hpp>
 
 namespace kfstab::experiments {
 
 double Trace::worst(double reference::Errors::*error, std::size_t first) const {
-  constexpr double infinity = std::numeric_limits<double>::infinity();
   if (end != Status::ok) return infinity;
   double worst = 0;
   for (std::size_t k = first; k < errors.size(); ++k) {

@@ -41,11 +41,6 @@ bool same_data(const System& a, const System& b) {
   return true;
 }
 
-Matrix<double> congruence(const Matrix<double>& X, const Matrix<double>& Y) {
-  const Matrix<double> XY = X.lazyProduct(Y);
-  return XY.lazyProduct(X.transpose());
-}
-
 double norm(const Covariance& Q, std::int64_t k) {
   const Matrix<double>& X = Q.value.at(k);
   return Q.written == Covariance::Written::root ? X.lazyProduct(X.transpose()).norm() : X.norm();

@@ -19,9 +19,6 @@ namespace {
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
 Matrix<double> product(const Matrix<double>& X, const Matrix<double>& Y) { return X.lazyProduct(Y); }
-Matrix<double> congruence(const Matrix<double>& X, const Matrix<double>& Y) {
-  return product(product(X, Y), X.transpose());
-}
 
 /// X(i, j) 2^(rows[i] + cols[j] + all); an empty list is of zeros.
 Matrix<double> scaled(const Matrix<double>& X, const std::vector<int>& rows, int row_sign, const std::vector<int>& cols,

@@ -105,6 +105,11 @@ Sequence multiplied_out(const System& system) {
 
 }  // namespace
 
+Matrix<double> congruence(const Matrix<double>& X, const Matrix<double>& Y) {
+  const Matrix<double> XY = X.lazyProduct(Y);
+  return XY.lazyProduct(X.transpose());
+}
+
 Measured::Measured(const Matrix<double>& all_C, const Matrix<double>& all_R, const Vector<double>& all_y)
     : outputs(all_y.size()) {
   for (Index i = 0; i < all_y.size(); ++i)

@@ -10,6 +10,9 @@
 /// one step; asking for more steps than there are throws std::out_of_range.
 namespace kfstab::properties {
 
+/// X Y X', each entry a plain sum in order: no blocking, so that small sizes cost little.
+Matrix<double> congruence(const Matrix<double>& X, const Matrix<double>& Y);
+
 /// Data that were recorded: y (p x steps) and u (inputs x steps), a step a column. A NaN in y is an entry that is missing.
 class Recorded final : public Data {
  public:

@@ -25,7 +25,7 @@ const std::vector<std::pair<std::string, Unary>> unary = {
 const std::vector<std::pair<std::string, Binary>> binary = {
     {"atan2", std::atan2}, {"min", std::fmin}, {"max", std::fmax}, {"pow", std::pow}};
 
-std::string in_quotes(const std::string& text) { return '"' + text + '"'; }
+std::string quoted(const std::string& text) { return '"' + text + '"'; }
 
 }  // namespace
 
@@ -54,7 +54,7 @@ double Expressions::operator()(const std::string& text) const {
   if (text.empty()) throw ExpressionError("an empty expression");
   if (text.size() > 4000) throw ExpressionError("an expression of " + std::to_string(text.size()) + " characters (at most 4000)");
   // muParser's stack is its own, but its parser calls itself for c ? a : b and signs: nothing sane nests deeper.
-  if (std::count(text.begin(), text.end(), '(') > 200) throw ExpressionError(in_quotes(text) + ", which nests too deep");
+  if (std::count(text.begin(), text.end(), '(') > 200) throw ExpressionError(quoted(text) + ", which nests too deep");
   mu::Parser& parser = parser_->parser;
   double value = 0;
   std::feclearexcept(FE_ALL_EXCEPT);
@@ -62,21 +62,21 @@ double Expressions::operator()(const std::string& text) const {
     parser.SetExpr(text);
     int results = 0;
     const double* all = parser.Eval(results);
-    if (results != 1) throw ExpressionError(in_quotes(text) + ", which gives " + std::to_string(results) + " values");
+    if (results != 1) throw ExpressionError(quoted(text) + ", which gives " + std::to_string(results) + " values");
     value = *all;
   } catch (const mu::Parser::exception_type& error) {
     if (error.GetCode() == mu::ecUNASSIGNABLE_TOKEN) {
       const std::string& token = error.GetToken();
-      throw ExpressionError(in_quotes(text) + ", where " + in_quotes(token) + " is no parameter, constant or function",
+      throw ExpressionError(quoted(text) + ", where " + quoted(token) + " is no parameter, constant or function",
                             did_you_mean(token, parser_->names));
     }
-    throw ExpressionError(in_quotes(text) + " (" + error.GetMsg() + ")");
+    throw ExpressionError(quoted(text) + " (" + error.GetMsg() + ")");
   }
   // A division by zero inside, as in 1/(1/0), leaves a finite value and a flag.
   const int raised = std::fetestexcept(FE_DIVBYZERO | FE_INVALID | FE_OVERFLOW);
-  if (raised & FE_DIVBYZERO) throw ExpressionError(in_quotes(text) + ", which divides by zero");
-  if (raised & FE_OVERFLOW) throw ExpressionError(in_quotes(text) + ", which is beyond the range of double");
-  if ((raised & FE_INVALID) || !std::isfinite(value)) throw ExpressionError(in_quotes(text) + ", which has no real value");
+  if (raised & FE_DIVBYZERO) throw ExpressionError(quoted(text) + ", which divides by zero");
+  if (raised & FE_OVERFLOW) throw ExpressionError(quoted(text) + ", which is beyond the range of double");
+  if ((raised & FE_INVALID) || !std::isfinite(value)) throw ExpressionError(quoted(text) + ", which has no real value");
   return value;
 }
 

@@ -205,7 +205,7 @@ struct Covariances {
   }
 };
 
-constexpr double missing = std::numeric_limits<double>::quiet_NaN();
+constexpr double not_measured = std::numeric_limits<double>::quiet_NaN();
 
 /// Takes whole steps or single entries out of y, one at least.
 void leave_out(Draw& draw, Matrix<double>& y) {
@@ -214,11 +214,11 @@ void leave_out(Draw& draw, Matrix<double>& y) {
   const Index i = draw.integer(0, p - 1), k = draw.integer(0, steps - 1);
   if (whole) {
     for (Index j = 0; j < steps; ++j)
-      if (draw.one_in(3) || j == k) y.col(j).setConstant(missing);
+      if (draw.one_in(3) || j == k) y.col(j).setConstant(not_measured);
   } else {
     for (Index j = 0; j < steps; ++j)
       for (Index r = 0; r < p; ++r)
-        if (draw.one_in(4) || (r == i && j == k)) y(r, j) = missing;
+        if (draw.one_in(4) || (r == i && j == k)) y(r, j) = not_measured;
   }
 }
 

@@ -61,10 +61,10 @@ bool same_bits(const Matrix<double>& X, const Matrix<double>& Y) {
 }
 
 std::optional<double> word_for_number(std::string_view word) {
-  constexpr double infinity = std::numeric_limits<double>::infinity();
+  constexpr double huge = std::numeric_limits<double>::infinity();
   if (word == "nan") return std::numeric_limits<double>::quiet_NaN();
-  if (word == "inf") return infinity;
-  if (word == "-inf") return -infinity;
+  if (word == "inf") return huge;
+  if (word == "-inf") return -huge;
   return std::nullopt;
 }
 
@@ -325,11 +325,11 @@ void JsonMessage::read_text(std::string& text) {
 }
 
 double JsonMessage::read_number() {
-  constexpr double infinity = std::numeric_limits<double>::infinity();
+  constexpr double huge = std::numeric_limits<double>::infinity();
   if (next() == '\0') fail("a value");
   if (take_word("NaN")) return std::numeric_limits<double>::quiet_NaN();
-  if (take_word("Infinity")) return infinity;
-  if (take_word("-Infinity")) return -infinity;
+  if (take_word("Infinity")) return huge;
+  if (take_word("-Infinity")) return -huge;
   if (*at_ != '-' && (*at_ < '0' || *at_ > '9')) fail("a value");
   double value = 0;
   const auto [end, error] = std::from_chars(at_, end_, value);

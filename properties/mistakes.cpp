@@ -72,7 +72,7 @@ using F = PlainFilter;
 using enum Moment;
 
 // clang-format off: a line a mistake
-constexpr Mistake table[] = {
+constexpr Mistake all_mistakes[] = {
     // --- the initial condition
     {"p0-as-factor", "takes P0 for its factor: it starts from P0 P0'", start,
      [](F& f) {
@@ -539,7 +539,7 @@ class Reenactment {
 
 }  // namespace
 
-std::span<const Mistake> mistakes() { return table; }
+std::span<const Mistake> mistakes() { return all_mistakes; }
 
 std::optional<Problem<CovarianceModel<double>>> covariance_numbers(const System& system) {
   auto converted = problem(system, Parametrisation::covariance);

@@ -400,7 +400,7 @@ double smallest_squared_singular_value(const Matrix<double>& S) {
 }
 
 /// X rounded to double, and whether that is X itself.
-Matrix<double> round_to_double(const Matrix<Rounded>& X, bool& same) {
+Matrix<double> as_double(const Matrix<Rounded>& X, bool& same) {
   Matrix<double> Y(X.rows(), X.cols());
   same = true;
   for (Index j = 0; j < X.cols(); ++j)
@@ -466,7 +466,7 @@ bool is_positive_semidefinite(const Matrix<Rounded>& X) {
   require_square(X, "definiteness");
   if (!all_finite(X)) return false;
   bool same = true;
-  const Matrix<double> nearly = round_to_double(X, same);
+  const Matrix<double> nearly = as_double(X, same);
   if (same) return is_positive_semidefinite(nearly);
   return surely_positive_definite(nearly) || inertia(symmetric_integers(X), true).negative == 0;
 }
@@ -475,7 +475,7 @@ bool is_positive_definite(const Matrix<Rounded>& X) {
   require_square(X, "definiteness");
   if (!all_finite(X)) return false;
   bool same = true;
-  const Matrix<double> nearly = round_to_double(X, same);
+  const Matrix<double> nearly = as_double(X, same);
   if (same) return is_positive_definite(nearly);
   return surely_positive_definite(nearly) || inertia(symmetric_integers(X), true).positive == X.rows();
 }
@@ -484,7 +484,7 @@ double smallest_eigenvalue(const Matrix<double>& X) { return smallest_eigenvalue
 
 double smallest_eigenvalue(const Matrix<Rounded>& X) {
   bool same = true;
-  const Matrix<double> nearly = round_to_double(X, same);
+  const Matrix<double> nearly = as_double(X, same);
   return same ? smallest_eigenvalue(nearly) : smallest_eigenvalue_of<100>(X, nearly);
 }
 

@@ -7,13 +7,13 @@
 namespace kfstab::reference {
 namespace {
 
-void scale(Matrix<double>& X, int exponent) {
+void scale_by_power(Matrix<double>& X, int exponent) {
   for (Index j = 0; j < X.cols(); ++j)
     for (Index i = 0; i < X.rows(); ++i) X(i, j) = std::ldexp(X(i, j), exponent);
 }
 
 template <class T>
-void scale(Matrix<T>& X, int exponent) {
+void scale_by_power(Matrix<T>& X, int exponent) {
   for (Index j = 0; j < X.cols(); ++j)
     for (Index i = 0; i < X.rows(); ++i) X(i, j) = ldexp(X(i, j), exponent);
 }
@@ -42,7 +42,7 @@ double by_squaring(Matrix<T> X) {
       log2_radius += ldexp(HighPrecision(std::log2(static_cast<double>(mantissa))), -squaring);
       return round_to_double(HighPrecision(pow(HighPrecision(2), log2_radius)));
     }
-    scale(X, -exponent);
+    scale_by_power(X, -exponent);
     X = square(X);
   }
 }

@@ -1,10 +1,10 @@
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include <fmt/core.h>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/fit.hpp>
 #include <kfstab/experiments/models.hpp>
 #include <kfstab/experiments/run.hpp>
@@ -13,7 +13,7 @@
 #include <kfstab/reference/bounds.hpp>
 #include <kfstab/reference/steady_state.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::asymmetry_divergence {
 namespace {
 
 properties::System unstable_system(std::int64_t steps) {
@@ -44,7 +44,7 @@ double worst_error(const FilterRun& filter) {
   const auto points = filter.covariance_error.points();
   const bool whole = !filter.first_failure &&
                      std::ranges::none_of(points.value, [](double error) { return std::isnan(error); });
-  return whole ? filter.covariance_error.largest() : std::numeric_limits<double>::infinity();
+  return whole ? filter.covariance_error.largest() : infinity;
 }
 
 Findings measure(const Settings& set) {
@@ -115,7 +115,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim asymmetry_divergence() {
+Claim claim() {
   return {.id = "asymmetry-divergence",
           .number = 4,
           .title = "An unsymmetrised filter diverges from rounding alone",
@@ -136,4 +136,4 @@ Claim asymmetry_divergence() {
                          "D+ = A D A'  for p = 1:  |D| grows by |l1 l2| a step"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::asymmetry_divergence

@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <memory>
 #include <set>
 
@@ -8,6 +7,7 @@
 
 #include <kfstab/experiments/asymmetry.hpp>
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/fit.hpp>
 #include <kfstab/experiments/interruption.hpp>
 #include <kfstab/experiments/models.hpp>
@@ -16,11 +16,10 @@
 #include <kfstab/reference/bounds.hpp>
 #include <kfstab/reference/steady_state.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::asymmetry_growth {
 namespace {
 
 using Covariances = Problem<CovarianceModel<double>>;
-constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
 /// The two-state system with one output, P0 = diag(4, 1) with an antisymmetric seed.
 struct Pair {
@@ -65,7 +64,7 @@ void one_output(const Settings& set, Findings& findings) {
             check_close(name + ": growth per step", predicted, fit_growth(curve, 1e-13, 1e-4).factor, .01));
       else if (metadata->asymmetry == Asymmetry::textbook)
         findings.checks.push_back(check_at_most(name + ": asymmetry after 300 steps, relative to P", 1e-15,
-                                                curve.size() > 300 ? curve[300] / pair.steady().P.norm() : nan,
+                                                curve.size() > 300 ? curve[300] / pair.steady().P.norm() : NaN,
                                                 "forgotten down to the rounding of a step"));
       if (r == r_shown) {
         reports::Curve shown{std::string(metadata->id), fmt::format("{}  {}", coding_of(*metadata), metadata->id), {}, {},
@@ -223,7 +222,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim asymmetry_growth() {
+Claim claim() {
   return {.id = "asymmetry-growth",
           .number = 3,
           .title = "How an asymmetry grows depends on how the formula is coded",
@@ -250,4 +249,4 @@ Claim asymmetry_growth() {
                          "F = A - K C,  G = K C,  p = 1:  |D+| = |l1 l2| |D|  in (iii), (iv), (v)"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::asymmetry_growth

@@ -1,17 +1,17 @@
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include <fmt/core.h>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/curves.hpp>
 #include <kfstab/experiments/fit.hpp>
 #include <kfstab/experiments/models.hpp>
 #include <kfstab/experiments/traces.hpp>
 #include <kfstab/filters/registry.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::asymmetry_without_bound {
 namespace {
 
 Findings measure(const Settings& set) {
@@ -32,7 +32,7 @@ Findings measure(const Settings& set) {
   reports::Figure figure;
   figure.id = "asymmetry-without-bound-error";
   figure.title = fmt::format("Rounding alone: {} steps, and P is wrong by {:.0f} decades", steps,
-                             std::log10(unit_roundoff<double>() * std::pow(growth, steps)));
+                             std::log10(u * std::pow(growth, steps)));
   figure.caption = fmt::format(
       "How wrong can P become with no perturbation but rounding? A fast unstable pair, modes of modulus {:g}, whose "
       "Kalman filter is stable. An asymmetry of size u grows by {:g} a step (dashed) in the codings (iii), (iv), (v), "
@@ -57,26 +57,24 @@ Findings measure(const Settings& set) {
     } else {
       findings.checks.push_back(check_close(fmt::format("{}: growth of P - P' per step, in the later two thirds", id),
                                             growth, std::exp(fit_line(late, logs).slope), .01));
-      findings.checks.push_back(
-          check_within(fmt::format("{}: log10 of the error of P after {} steps", id, steps),
-                       std::log10(unit_roundoff<double>()) + static_cast<double>(steps) * std::log10(growth),
-                       error.empty() ? std::numeric_limits<double>::quiet_NaN() : std::log10(error.back()), 3));
+      findings.checks.push_back(check_within(fmt::format("{}: log10 of the error of P after {} steps", id, steps),
+                                             std::log10(u) + static_cast<double>(steps) * std::log10(growth),
+                                             error.empty() ? NaN : std::log10(error.back()), 3));
     }
     figure.curves.push_back(measured(id, std::move(k), std::move(error), reports::CurveRole::measured_line));
   }
   std::vector<double> k;
   for (std::int64_t i = 0; i <= steps; ++i) k.push_back(static_cast<double>(i));
   figure.curves.push_back(theory_line(
-      "theory", fmt::format("theory: u {:.3g}^k", growth), k,
-      [&](double i) { return unit_roundoff<double>() * std::pow(growth, i); },
-      std::numeric_limits<double>::infinity()));
+      "theory", fmt::format("theory: u {:.3g}^k", growth), k, [&](double i) { return u * std::pow(growth, i); },
+      infinity));
   findings.figures.push_back(std::move(figure));
   return findings;
 }
 
 }  // namespace
 
-Claim asymmetry_without_bound() {
+Claim claim() {
   return {
       .id = "asymmetry-without-bound",
       .number = 31,
@@ -102,4 +100,4 @@ Claim asymmetry_without_bound() {
           "D+ = F D F' = D det F  in (i)"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::asymmetry_without_bound

@@ -5,6 +5,7 @@
 #include <fmt/core.h>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/curves.hpp>
 #include <kfstab/experiments/interruption.hpp>
 #include <kfstab/experiments/models.hpp>
@@ -16,7 +17,7 @@
 #include <boost/random/uniform_int_distribution.hpp>
 #include <boost/random/uniform_real_distribution.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::backward_error {
 namespace {
 
 using Real = reference::HighPrecision;
@@ -192,7 +193,7 @@ Findings measure(const Settings& set) {
     Factorisation (*factorise)(const Numbers&);
   };
   constexpr std::array<Form, 2> forms = {{{"srcf", "rows", covariance_array}, {"srif", "columns", information_array}}};
-  const double limit = 10, u = unit_roundoff<double>();
+  const double limit = 10;
 
   Findings findings;
   reports::Figure figure;
@@ -240,7 +241,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim backward_error() {
+Claim claim() {
   return {
       .id = "backward-error",
       .number = 21,
@@ -268,4 +269,4 @@ Claim backward_error() {
           "min ||X U - Y|| <= c (n + m + p) u ||X||  over U U' = I,  X the left side, Y the computed right side"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::backward_error

@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <map>
 #include <optional>
 #include <tuple>
@@ -8,6 +7,7 @@
 #include <fmt/core.h>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/curves.hpp>
 #include <kfstab/experiments/interruption.hpp>
 #include <kfstab/experiments/ladder.hpp>
@@ -18,14 +18,13 @@
 #include <kfstab/properties/precise.hpp>
 #include <kfstab/reference/steady_state.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::chandrasekhar_memory {
 namespace {
 
 using Chandrasekhar = ChandrasekharFilter<double>;
 using SquareRoot = SquareRootCovarianceFilter<double>;
 using Roots = Problem<RootModel<double>>;
 
-constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 constexpr double disturbance = 1e-6;
 constexpr int disturbed_at = 5, early = 50, late = 299;
 
@@ -61,9 +60,9 @@ std::vector<double> gain_differences(Filter one, Filter other, const RootModel<d
   for (int k = disturbed_at; k <= late; ++k) {
     const bool both = one.step(model) && other.step(model);
     const Matrix<double> dK = other.predictor_gain() - one.predictor_gain();
-    sizes.push_back(both ? dK.norm() / one.predictor_gain().norm() : nan);
+    sizes.push_back(both ? dK.norm() / one.predictor_gain().norm() : NaN);
     if (k == early) at_early = dK;
-    if (k == late) moved = both ? (dK - at_early).norm() / at_early.norm() : nan;
+    if (k == late) moved = both ? (dK - at_early).norm() / at_early.norm() : NaN;
   }
   return sizes;
 }
@@ -89,7 +88,7 @@ void one_disturbance(const Settings& set, Findings& findings) {
   for (int s = 0; s < systems && !interrupted(); ++s) {
     const auto drawn = draw(random, d, set("rho"));
     if (!drawn) {
-      of_G = of_Re = forgotten = constancy = of_E_R = nan;
+      of_G = of_Re = forgotten = constancy = of_E_R = NaN;
       break;
     }
     const auto& model = drawn->model;
@@ -120,7 +119,7 @@ void one_disturbance(const Settings& set, Findings& findings) {
     SquareRoot with_S(d);
     with_S.start(disturbed(random, root.factor()), x0);
 
-    double moved = nan, moved_Re = nan, unused = 0;
+    double moved = NaN, moved_Re = NaN, unused = 0;
     const auto dK_G = gain_differences(filter, with_G, model, moved);
     const auto dK_Re = gain_differences(filter, with_Re, model, moved_Re);
     const auto dK_S = gain_differences(root, with_S, model, unused);
@@ -129,7 +128,7 @@ void one_disturbance(const Settings& set, Findings& findings) {
     keep_worst(forgotten, dK_S.back());
 
     // E_G and E_R of the run whose G was disturbed.
-    double first_E_G = nan;
+    double first_E_G = NaN;
     Pbar += increment(with_G);
     for (int k = disturbed_at + 1; k <= late; ++k) {
       with_G.step(model);
@@ -139,8 +138,8 @@ void one_disturbance(const Settings& set, Findings& findings) {
       const Matrix<double> exact_Re = model.R_root * model.R_root.transpose() + CP * C.transpose();
       if (k == disturbed_at + 1) first_E_G = E_G;
       keep_worst(constancy, std::abs(E_G / first_E_G - 1));
-      const double u = unit_roundoff<double>() * static_cast<double>(d.n + d.m + d.p) * k;
-      keep_worst(of_E_R, (Re * Re.transpose() - exact_Re).norm() / exact_Re.norm() / u);
+      const double unit = u * static_cast<double>(d.n + d.m + d.p) * k;
+      keep_worst(of_E_R, (Re * Re.transpose() - exact_Re).norm() / exact_Re.norm() / unit);
       Pbar += increment(with_G);
     }
     if (s > 0) continue;
@@ -186,7 +185,7 @@ void large_prior(const Settings& set, Findings& findings) {
   for (int s = 0; s < systems && !interrupted(); ++s) {
     const auto drawn = draw(random, d, set("rho"));
     if (!drawn) {
-      worst = nan;
+      worst = NaN;
       break;
     }
     const auto& K = drawn->limit.predictor_gain;
@@ -202,7 +201,7 @@ void large_prior(const Settings& set, Findings& findings) {
         const auto filter = make_filter<double>(id);
         const auto problem = problem_of(system, filter->metadata().takes);
         filter->start(problem);
-        double error = std::numeric_limits<double>::infinity();
+        double error = infinity;
         for (std::int64_t k = 0; k < steps; ++k) {
           const auto step = filter->step(k, nullptr, nullptr);
           if (!step.report) break;
@@ -215,8 +214,8 @@ void large_prior(const Settings& set, Findings& findings) {
           continue;
         }
         others[id].add(rung, a, error);
-        const double u = unit_roundoff<double>() * static_cast<double>(d.n + d.m + d.p);
-        keep_worst(worst, error * (1 - std::pow(drawn->limit.spectral_radius, 2)) / (u * k_Re));
+        const double unit = u * static_cast<double>(d.n + d.m + d.p);
+        keep_worst(worst, error * (1 - std::pow(drawn->limit.spectral_radius, 2)) / (unit * k_Re));
       }
     }
   }
@@ -240,7 +239,7 @@ void large_prior(const Settings& set, Findings& findings) {
   add_curves(figure, csrf, "csrf");
   for (const auto& [id, ladder] : others) add_curves(figure, ladder, id);
   auto line = theory_line("theory", "theory: u a");
-  for (const double a : csrf.difficulties()) add_point(line, a, unit_roundoff<double>() * a);
+  for (const double a : csrf.difficulties()) add_point(line, a, u * a);
   figure.curves.push_back(std::move(line));
   findings.figures.push_back(std::move(figure));
 }
@@ -254,7 +253,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim chandrasekhar_memory() {
+Claim claim() {
   return {
       .id = "chandrasekhar-memory",
       .number = 7,
@@ -287,4 +286,4 @@ Claim chandrasekhar_memory() {
           "E_{R,k+1} = E_{R,k},  E_{G,k+1} = E_{G,k}"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::chandrasekhar_memory

@@ -12,7 +12,7 @@
 #include <kfstab/experiments/traces.hpp>
 #include <kfstab/reference/steady_state.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::condensed_forms {
 namespace {
 
 using reference::Errors;
@@ -81,7 +81,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim condensed_forms() {
+Claim claim() {
   return {.id = "condensed-forms",
           .number = 18,
           .title = "Hessenberg forms are as accurate as the dense ones",
@@ -109,4 +109,4 @@ Claim condensed_forms() {
               "S held:  ||dS|| <= c u (1 + k(Re)^{1/2}) ||S+|| / cos"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::condensed_forms

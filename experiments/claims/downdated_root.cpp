@@ -1,10 +1,10 @@
 #include <cmath>
-#include <limits>
 #include <optional>
 
 #include <fmt/core.h>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/curves.hpp>
 #include <kfstab/experiments/fit.hpp>
 #include <kfstab/experiments/interruption.hpp>
@@ -12,10 +12,8 @@
 #include <kfstab/experiments/traces.hpp>
 #include <kfstab/filters/registry.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::downdated_root {
 namespace {
-
-constexpr double infinity = std::numeric_limits<double>::infinity();
 
 /// S, lower, with S S' := S S' - v v'. Nothing if that is not positive definite. LINPACK's DCHDD, one column at a time.
 std::optional<Matrix<double>> downdated(Matrix<double> S, Vector<double> v) {
@@ -69,7 +67,7 @@ OneStep one_step(double d, std::uint64_t seed) {
 
 Findings measure(const Settings& set) {
   std::vector<double> inverse, downdating, array;
-  double breaks_down = std::numeric_limits<double>::quiet_NaN();
+  double breaks_down = NaN;
   for (int j = 3; j <= 29 && !interrupted(); j += 2) {
     std::vector<double> one, other;
     for (int draw = 0; draw < static_cast<int>(set("draws")); ++draw) {
@@ -103,11 +101,10 @@ Findings measure(const Settings& set) {
   figure.x = {"1/d", true};
   figure.y = {"relative error of P after one update, median", true};
   for (double& y : downdating)
-    if (std::isinf(y)) y = std::numeric_limits<double>::quiet_NaN();
+    if (std::isinf(y)) y = NaN;
   figure.curves.push_back({"downdated", "downdated root", inverse, downdating, reports::CurveRole::measured_points,
                            color_of("ckf-textbook")});
   figure.curves.push_back(measured("srcf", inverse, array));
-  const double u = unit_roundoff<double>();
   figure.curves.push_back(theory_line("theory-2", "theory: u/d^2", inverse, [&](double x) { return u * x * x; }));
   figure.curves.push_back(theory_line("theory-1", "theory: u/d", inverse, [&](double x) { return u * x; }));
   findings.figures.push_back(std::move(figure));
@@ -116,7 +113,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim downdated_root() {
+Claim claim() {
   return {
       .id = "downdated-root",
       .number = 27,
@@ -142,4 +139,4 @@ Claim downdated_root() {
           "k(Re) ~ 1/d^2"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::downdated_root

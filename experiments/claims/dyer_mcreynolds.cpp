@@ -1,19 +1,19 @@
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <map>
 #include <memory>
 
 #include <fmt/core.h>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/fit.hpp>
 #include <kfstab/experiments/interruption.hpp>
 #include <kfstab/experiments/models.hpp>
 #include <kfstab/filters/registry.hpp>
 #include <kfstab/reference/trajectory.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::dyer_mcreynolds {
 namespace {
 
 /// Two measurements that differ by d, with noise d: every number is exact for d a power of two.
@@ -107,7 +107,7 @@ Findings measure(const Settings& set) {
   const auto first_failure = [&](const std::string& id) {
     for (const auto& [j, row] : table)
       if (row.at(id).failed) return static_cast<double>(j);
-    return std::numeric_limits<double>::quiet_NaN();
+    return NaN;
   };
   for (const Metadata& metadata : filters()) {
     if (!is_studied(metadata)) continue;
@@ -157,7 +157,7 @@ Findings measure(const Settings& set) {
     for (const auto& [j, row] : table) {
       curve.x.push_back(std::exp2(j));
       const double error = row.at(id).error;
-      curve.y.push_back(error > 0 ? error : std::numeric_limits<double>::quiet_NaN());
+      curve.y.push_back(error > 0 ? error : NaN);
     }
     figure.curves.push_back(std::move(curve));
   }
@@ -178,7 +178,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim dyer_mcreynolds() {
+Claim claim() {
   return {.id = "dyer-mcreynolds",
           .number = 11,
           .title = "Two nearly equal, accurate measurements break every filter that holds P",
@@ -198,4 +198,4 @@ Claim dyer_mcreynolds() {
                          "k(Re) -> 4.5 / d^2"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::dyer_mcreynolds

@@ -1,19 +1,19 @@
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <map>
 
 #include <fmt/core.h>
 #include <boost/random/uniform_real_distribution.hpp>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/curves.hpp>
 #include <kfstab/experiments/fit.hpp>
 #include <kfstab/experiments/interruption.hpp>
 #include <kfstab/experiments/models.hpp>
 #include <kfstab/experiments/perturbation.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::exact_forgetting {
 namespace {
 
 constexpr double criterion = .01;
@@ -76,7 +76,7 @@ Findings measure(const Settings& set) {
       const Matrix<double> dP = disturbed.P0.value.matrices.front() - system.P0.value.matrices.front();
       const auto other_Phi = size == large ? transitions(disturbed) : Phi;
       for (const Metadata* filter : filters) {
-        const auto measured = differences(*filter, system, dP, {}, {});
+        const auto measured = deviations(*filter, system, dP, {}, {});
         const std::string id(filter->id);
         auto points = measured_points(id, id, id);
         auto line = theory_line("theory-" + id, id == "srif" ? "theory, P_{k|k}" : "theory, P_{k+1|k}");
@@ -89,7 +89,7 @@ Findings measure(const Settings& set) {
           add_point(points, static_cast<double>(k), measured[k].P.norm() / dP.norm());
           add_point(line, static_cast<double>(k), predicted.norm() / dP.norm());
         }
-        if (points.x.size() < 2) distance = std::numeric_limits<double>::quiet_NaN();  // all is rounding
+        if (points.x.size() < 2) distance = NaN;  // all is rounding
         if (s > 0 || size != small.front() || !(id == "ckf" || id == "srcf" || id == "srif")) continue;
         figure.curves.push_back(std::move(points));
         if (id != "ckf") figure.curves.push_back(std::move(line));
@@ -117,7 +117,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim exact_forgetting() {
+Claim claim() {
   return {
       .id = "exact-forgetting",
       .number = 22,
@@ -147,4 +147,4 @@ Claim exact_forgetting() {
           "dP_k = Phi dP_0 Phi_2',  Phi_2  of the disturbed run"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::exact_forgetting

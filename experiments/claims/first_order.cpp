@@ -15,7 +15,7 @@
 #include <kfstab/filters/unsymmetrised.hpp>
 #include <kfstab/reference/high_precision.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::first_order {
 namespace {
 
 using Number = reference::HighPrecision;
@@ -279,7 +279,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim first_order() {
+Claim claim() {
   return {
       .id = "first-order",
       .number = 2,
@@ -309,4 +309,4 @@ Claim first_order() {
           "D = E - E',  G = K C,  ||residual|| <= c ||E||^2"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::first_order

@@ -1,12 +1,12 @@
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <map>
 #include <optional>
 
 #include <fmt/core.h>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/curves.hpp>
 #include <kfstab/experiments/fit.hpp>
 #include <kfstab/experiments/interruption.hpp>
@@ -15,10 +15,9 @@
 #include <kfstab/properties/precise.hpp>
 #include <kfstab/reference/steady_state.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::forgetting {
 namespace {
 
-constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 constexpr double criterion = .01;
 /// Windows, relative to P: beneath, the rounding of the two runs counts.
 constexpr double eigenvector_floor = 1e-11, any_floor = 1e-10;
@@ -69,7 +68,7 @@ std::vector<double> decay(std::vector<double> sizes, double floor) {
 
 /// The factor of each step over the predicted one: the largest distance from 1; NaN for a curve of fewer than 4 points.
 double worst_distance(const std::vector<double>& curve, double factor) {
-  double worst = curve.size() < 4 ? nan : 0;
+  double worst = curve.size() < 4 ? NaN : 0;
   for (std::size_t k = 1; k < curve.size(); ++k)
     worst = std::max(worst, std::abs(curve[k] / curve[k - 1] / factor - 1));
   return worst;
@@ -132,13 +131,13 @@ Findings measure(const Settings& set) {
     const Matrix<double> dP = 1e-4 * size * v * v.transpose();
     const Matrix<double> y = random_normal(random, p, steps);
     for (const Metadata* filter : filters) {
-      const auto of_P = differences(*filter, drawn->system, (dP + dP.transpose()) / 2, {}, {});
+      const auto of_P = deviations(*filter, drawn->system, (dP + dP.transpose()) / 2, {}, {});
       std::vector<double> gain_sizes, x_sizes;
-      for (const Difference& difference : of_P) gain_sizes.push_back(difference.gain.norm());
+      for (const Deviation& deviation : of_P) gain_sizes.push_back(deviation.gain.norm());
       const auto P = decay(sizes_of_P(of_P), eigenvector_floor * size);
       const auto gain = decay(gain_sizes, eigenvector_floor * drawn->limit.predictor_gain.norm());
-      const auto of_x = differences(*filter, drawn->system, {}, v, y);
-      for (const Difference& difference : of_x) x_sizes.push_back(difference.x.norm());
+      const auto of_x = deviations(*filter, drawn->system, {}, v, y);
+      for (const Deviation& deviation : of_x) x_sizes.push_back(deviation.x.norm());
       const auto x = decay(x_sizes, eigenvector_floor);
       keep_worst(along[filter->id], worst_distance(P, squared));
       keep_worst(along[filter->id], worst_distance(gain, squared));
@@ -173,7 +172,7 @@ Findings measure(const Settings& set) {
     Matrix<double> random_error = X * X.transpose();
     random_error *= 1e-3 / (W.norm() * random_error.norm());
     for (const Metadata* filter : filters) {
-      const auto measured = differences(*filter, drawn->system, random_error, {}, {});
+      const auto measured = deviations(*filter, drawn->system, random_error, {}, {});
       const double floor = std::max(any_floor * size, 5 / criterion * noise(sizes_of_P(measured)));
       const std::string id(filter->id);
       auto curve = measured_points(id, id, id);
@@ -186,7 +185,7 @@ Findings measure(const Settings& set) {
         add_point(curve, static_cast<double>(k), measured[k].P.norm() / random_error.norm());
         add_point(line, static_cast<double>(k), predicted.norm() / random_error.norm());
       }
-      if (curve.x.size() < 2) anywhere[filter->id] = nan;  // nothing that could be told from rounding
+      if (curve.x.size() < 2) anywhere[filter->id] = NaN;  // nothing that could be told from rounding
       if (s > 0 || !(id == "ckf" || id == "srcf" || id == "srif")) continue;
       any.curves.push_back(std::move(curve));
       if (id != "ckf") any.curves.push_back(std::move(line));
@@ -198,12 +197,12 @@ Findings measure(const Settings& set) {
     findings.checks.push_back(check_at_most(
         fmt::format("{}, {} systems: factor a step of P and K over lambda^2, of x over |lambda|, worst distance from 1",
                     filter->id, systems),
-        criterion, enough ? along[filter->id] : nan,
+        criterion, enough ? along[filter->id] : NaN,
         "theory (3.1)-(3.3); what is left is of second order in dP, and rounding"));
   for (const Metadata* filter : filters)
     findings.checks.push_back(check_at_most(
         fmt::format("{}, {} systems: worst distance of any dP_k from Phi dP_0 Phi', relative", filter->id, systems),
-        criterion, enough ? anywhere[filter->id] : nan,
+        criterion, enough ? anywhere[filter->id] : NaN,
         "theory (3.4), (3.5); dP_0 > 0, so within ||W|| ||dP_0|| = 1e-3, and rounding"));
   findings.figures = {std::move(eigen), std::move(any)};
   return findings;
@@ -211,7 +210,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim forgetting() {
+Claim claim() {
   return {
       .id = "forgetting",
       .number = 1,
@@ -244,4 +243,4 @@ Claim forgetting() {
           "dP_k = Phi dP_0 Phi',  Phi = F_{k-1} ... F_1 F_0"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::forgetting

@@ -1,9 +1,9 @@
 #include <cmath>
-#include <limits>
 
 #include <fmt/core.h>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/curves.hpp>
 #include <kfstab/experiments/fit.hpp>
 #include <kfstab/experiments/interruption.hpp>
@@ -13,7 +13,7 @@
 #include <kfstab/filters/square_root_covariance.hpp>
 #include <kfstab/reference/steady_state.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::half_word_length {
 namespace {
 
 using reference::Errors;
@@ -38,7 +38,7 @@ double worst_in_single_precision(const properties::System& system) {
   Trace trace;
   for (std::int64_t k = 0; k < system.steps; ++k) {
     truth.advance();
-    if (!filter.step(single)) return std::numeric_limits<double>::infinity();
+    if (!filter.step(single)) return infinity;
     const Matrix<double> S = filter.factor().cast<double>();
     trace.errors.push_back(truth.measure(metadata, {.report = {}, .held = &S}));
   }
@@ -90,10 +90,10 @@ Findings measure(const Settings& set) {
   const auto passes = [&](double Rung::*of, double limit) {
     for (const Rung& r : ladder)
       if (r.*of >= limit) return std::log2(r.alpha);
-    return std::numeric_limits<double>::quiet_NaN();
+    return NaN;
   };
 
-  const double u = unit_roundoff<double>(), u_single = unit_roundoff<float>();
+  const double u_single = unit_roundoff<float>();
   Findings findings;
   findings.checks.push_back(check_within("ckf in double: slope of the error of P in alpha", 1,
                                          fit_power(alphas, column(&Rung::conventional), 1e-14, .1).slope, .1));
@@ -140,7 +140,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim half_word_length() {
+Claim claim() {
   return {
       .id = "half-word-length",
       .number = 15,
@@ -168,4 +168,4 @@ Claim half_word_length() {
           "2^-53 alpha = .5  at alpha = 2^52,  2^-24 alpha^{1/2} = .5  at alpha = 2^46"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::half_word_length

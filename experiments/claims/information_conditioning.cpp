@@ -1,10 +1,10 @@
 #include <cmath>
-#include <limits>
 #include <map>
 
 #include <fmt/core.h>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/curves.hpp>
 #include <kfstab/experiments/interruption.hpp>
 #include <kfstab/experiments/ladder.hpp>
@@ -13,7 +13,7 @@
 #include <kfstab/properties/precise.hpp>
 #include <kfstab/reference/trajectory.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::information_conditioning {
 namespace {
 
 using properties::Precise;
@@ -62,7 +62,6 @@ Findings measure(const Settings& set) {
           filter->start(problem);
           filter->step(0, nullptr, nullptr);
           const auto step = filter->step(1, nullptr, nullptr);
-          const double infinity = std::numeric_limits<double>::infinity();
           const auto measured = truth.measure(filter->metadata(), step);
           errors[id].add(rung, k, !step.report ? infinity : information ? measured.information : measured.covariance);
           if (!information) continue;
@@ -100,7 +99,7 @@ Findings measure(const Settings& set) {
   given.y = errors[as_given].medians();
   figure.curves.push_back(std::move(given));
   auto line = theory_line("theory", "theory: u k");
-  for (const double k : errors["srif"].difficulties()) add_point(line, k, unit_roundoff<double>() * k);
+  for (const double k : errors["srif"].difficulties()) add_point(line, k, u * k);
   figure.curves.push_back(std::move(line));
   findings.figures.push_back(std::move(figure));
   return findings;
@@ -108,7 +107,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim information_conditioning() {
+Claim claim() {
   return {
       .id = "information-conditioning",
       .number = 13,
@@ -137,4 +136,4 @@ Claim information_conditioning() {
           "Q^{-1} + (T A^{-1}B)'(T A^{-1}B) = (Qe^{-1/2})' Qe^{-1/2},  t_1 >= ... >= t_m  of Qe^{-1/2}"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::information_conditioning

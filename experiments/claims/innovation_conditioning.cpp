@@ -1,18 +1,18 @@
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <map>
 
 #include <fmt/core.h>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/fit.hpp>
 #include <kfstab/experiments/interruption.hpp>
 #include <kfstab/experiments/models.hpp>
 #include <kfstab/filters/registry.hpp>
 #include <kfstab/reference/trajectory.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::innovation_conditioning {
 namespace {
 
 const std::vector<std::string> studied = {"ckf", "ckf-textbook", "joseph", "srcf"};
@@ -37,7 +37,7 @@ OneStep one_step(const properties::System& system, const Vector<double>& gain_sc
       filter->start(problem);
       const auto step = filter->step(0, nullptr, nullptr);
       if (!step.report) {
-        result.gain[id] = result.covariance[id] = std::numeric_limits<double>::infinity();
+        result.gain[id] = result.covariance[id] = infinity;
         continue;
       }
       const auto errors = truth.measure(filter->metadata(), step);
@@ -95,7 +95,7 @@ reports::Curve theory(const std::vector<Rung>& rungs, int power) {
   reports::Curve line{fmt::format("theory-{}", power), power == 2 ? "theory: u k^2" : "theory: u k", {}, {},
                       reports::CurveRole::theory, -1};
   for (const Rung& rung : rungs) {
-    const double y = unit_roundoff<double>() * std::pow(rung.condition, power);
+    const double y = u * std::pow(rung.condition, power);
     if (y > 10) break;
     line.x.push_back(rung.condition);
     line.y.push_back(y);
@@ -197,7 +197,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim innovation_conditioning() {
+Claim claim() {
   return {.id = "innovation-conditioning",
           .number = 8,
           .title = "Forms that hold P lose the square of the innovations' condition number",
@@ -220,4 +220,4 @@ Claim innovation_conditioning() {
                          "||dS|| <= c u (1 + k(Re)^{1/2}) ||S+|| / cos"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::innovation_conditioning

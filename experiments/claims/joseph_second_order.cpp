@@ -3,13 +3,14 @@
 #include <fmt/core.h>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/curves.hpp>
 #include <kfstab/experiments/interruption.hpp>
 #include <kfstab/experiments/ladder.hpp>
 #include <kfstab/experiments/models.hpp>
 #include <kfstab/properties/precise.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::joseph_second_order {
 namespace {
 
 using properties::Precise;
@@ -63,12 +64,11 @@ Findings measure(const Settings& set) {
 
       const double error = (Precise(joseph_in_double(exact, K.rounded())) - exact.next).norm();
       rounded.add(rung, relative, error / size);
-      if (relative > std::sqrt(unit_roundoff<double>())) continue;
+      if (relative > std::sqrt(u)) continue;
       // What is added up, over what is left: kappa of conventions.md for a sum.
       const double terms =
           std::pow(F.norm(), 2) * exact.P.norm() + std::pow(K.norm(), 2) * exact.R.norm() + exact.BQB.norm();
-      keep_worst(floor_ratio,
-                 (error - second.norm()) / (unit_roundoff<double>() * static_cast<double>(d.n + d.m + d.p) * terms));
+      keep_worst(floor_ratio, (error - second.norm()) / (u * static_cast<double>(d.n + d.m + d.p) * terms));
     }
   }
 
@@ -76,10 +76,10 @@ Findings measure(const Settings& set) {
   findings.checks = {
       check_slope("joseph: slope of the error of P in the error of K", 2, joseph.power(0, 1e300), .01),
       check_slope("ckf-textbook: slope of the error of P in the error of K", 1, textbook.power(0, 1e300), .01),
-      check_at_most("joseph: distance of dP from dK Re dK', relative", unit_roundoff<double>(), joseph_residual,
+      check_at_most("joseph: distance of dP from dK Re dK', relative", u, joseph_residual,
                     "theory (4.5) is exact, and computed in 100 digits"),
-      check_at_most("ckf-textbook: distance of dP from -dK C P A', relative", unit_roundoff<double>(),
-                    textbook_residual, "theory (4.5) is exact, and computed in 100 digits"),
+      check_at_most("ckf-textbook: distance of dP from -dK C P A', relative", u, textbook_residual,
+                    "theory (4.5) is exact, and computed in 100 digits"),
       check_at_most("joseph in double, from gains with half their digits: error of P over u (n+m+p) times its terms",
                     30, floor_ratio, "rounding level: the gain's error is below u^(1/2), its square below u"),
   };
@@ -116,7 +116,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim joseph_second_order() {
+Claim claim() {
   return {
       .id = "joseph-second-order",
       .number = 9,
@@ -145,4 +145,4 @@ Claim joseph_second_order() {
           "(A - (K+dK) C) P A' + B Q B' = P+ - dK C P A'"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::joseph_second_order

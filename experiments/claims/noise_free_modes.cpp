@@ -1,12 +1,12 @@
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <map>
 #include <memory>
 
 #include <fmt/core.h>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/curves.hpp>
 #include <kfstab/experiments/fit.hpp>
 #include <kfstab/experiments/interruption.hpp>
@@ -14,7 +14,7 @@
 #include <kfstab/filters/registry.hpp>
 #include <kfstab/reference/trajectory.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::noise_free_modes {
 namespace {
 
 /// Position, velocity and a constant acceleration that no noise drives; B is what drives the velocity.
@@ -42,7 +42,7 @@ struct Course {
         x.push_back(step[i]);
         late.push_back(y[i]);
       }
-    return fit_power(x, late, 0, std::numeric_limits<double>::infinity()).slope;
+    return fit_power(x, late, 0, infinity).slope;
   }
 };
 
@@ -69,13 +69,12 @@ Course course(const properties::System& system) {
         const auto step = filter->step(k, nullptr, nullptr);
         if (!look) continue;
         const auto errors = truth.measure(filter->metadata(), step);
-        const double nan = std::numeric_limits<double>::quiet_NaN();
         if (id == "csrf")
-          course.chandrasekhar.push_back(step.report ? errors.gain : nan);
+          course.chandrasekhar.push_back(step.report ? errors.gain : NaN);
         else if (id == "ckf-gain")
           course.asymmetry.push_back((*step.held - step.held->transpose()).norm());
         else
-          course.covariance[id].push_back(step.report ? errors.covariance : nan);
+          course.covariance[id].push_back(step.report ? errors.covariance : NaN);
       }
     }
   }
@@ -84,8 +83,7 @@ Course course(const properties::System& system) {
 
 double largest(const std::vector<double>& y) {
   double most = 0;
-  for (const double value : y)
-    most = std::max(most, std::isnan(value) ? std::numeric_limits<double>::infinity() : value);
+  for (const double value : y) most = std::max(most, std::isnan(value) ? infinity : value);
   return most;
 }
 
@@ -143,9 +141,9 @@ Findings measure(const Settings& set) {
       figure.curves.push_back(power_through("theory-1", "theory: slope 1", seen, seen.chandrasekhar, 1));
     } else {
       for (const auto& id : level)
-        findings.checks.push_back(check_at_most(
-            fmt::format("{}: worst error of P, {}", id, noise), static_cast<double>(steps) * unit_roundoff<double>(),
-            largest(seen.covariance.at(id)), "steps u, nothing being forgotten at all"));
+        findings.checks.push_back(check_at_most(fmt::format("{}: worst error of P, {}", id, noise),
+                                                static_cast<double>(steps) * u, largest(seen.covariance.at(id)),
+                                                "steps u, nothing being forgotten at all"));
       findings.checks.push_back(check_at_most("ckf-gain: slope of ||P - P'|| in the number of steps, " + noise, 2.4,
                                               seen.slope(seen.asymmetry),
                                               "k^2 at most, which directions are sown is rounding's"));
@@ -160,7 +158,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim noise_free_modes() {
+Claim claim() {
   return {
       .id = "noise-free-modes",
       .number = 16,
@@ -185,4 +183,4 @@ Claim noise_free_modes() {
           "G_{k+1} Re_{k+1}^{T/2} = G_k Re_k^{T/2} + A L_k Sig L_k' C':  ||dK_k|| ~ k u"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::noise_free_modes

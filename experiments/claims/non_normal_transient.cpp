@@ -1,10 +1,10 @@
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include <fmt/core.h>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/curves.hpp>
 #include <kfstab/experiments/fit.hpp>
 #include <kfstab/experiments/models.hpp>
@@ -12,7 +12,7 @@
 #include <kfstab/reference/definiteness.hpp>
 #include <kfstab/reference/steady_state.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::non_normal_transient {
 namespace {
 
 constexpr std::size_t steps = 100;
@@ -69,12 +69,12 @@ Findings measure(const Settings& set) {
   for (const Metadata* filter : forgetful_filters()) {
     if (filter->instant != Instant::predicted) continue;  // (I - Kf C) A is not F, and its powers have another peak
     const std::string id(filter->id);
-    double worst = 0, decay = std::numeric_limits<double>::quiet_NaN(), largest = 0;
+    double worst = 0, decay = NaN, largest = 0;
     bool in_time = true;
     for (const double size : {1e-1, 1e-3, 1e-6, 1e-9}) {
-      const auto run = differences(*filter, system, size * (direction + direction.transpose()) / 2, {}, {});
+      const auto run = deviations(*filter, system, size * (direction + direction.transpose()) / 2, {}, {});
       std::vector<double> growth;
-      for (const Difference& difference : run) growth.push_back(difference.P.norm() / size);
+      for (const Deviation& deviation : run) growth.push_back(deviation.P.norm() / size);
       const auto top = static_cast<std::size_t>(std::ranges::max_element(growth) - growth.begin());
       in_time = in_time && top == peak;
       keep_worst(worst, std::abs(growth[top] / amplification[peak] - 1));
@@ -116,7 +116,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim non_normal_transient() {
+Claim claim() {
   return {.id = "non-normal-transient",
           .number = 6,
           .title = "A filter far from normal amplifies an error before it forgets it",
@@ -141,4 +141,4 @@ Claim non_normal_transient() {
               "||dP_{k+1}|| -> rho(F)^2 ||dP_k||,  ||F^k||^2 <= ||F||^{2k}"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::non_normal_transient

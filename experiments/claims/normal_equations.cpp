@@ -1,11 +1,11 @@
 #include <cmath>
-#include <limits>
 #include <map>
 #include <memory>
 
 #include <fmt/core.h>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/curves.hpp>
 #include <kfstab/experiments/fit.hpp>
 #include <kfstab/experiments/interruption.hpp>
@@ -13,7 +13,7 @@
 #include <kfstab/experiments/traces.hpp>
 #include <kfstab/properties/data.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::normal_equations {
 namespace {
 
 const std::vector<std::string> studied = {"information", "srif"};
@@ -59,10 +59,9 @@ Findings measure(const Settings& set) {
   figure.y = {"relative error of the state, median", true};
   for (const auto& id : studied) {
     for (double& y : error[id])
-      if (std::isinf(y)) y = std::numeric_limits<double>::quiet_NaN();
+      if (std::isinf(y)) y = NaN;
     figure.curves.push_back(measured(id, inverse, error[id]));
   }
-  const double u = unit_roundoff<double>();
   figure.curves.push_back(theory_line("theory-2", "theory: u/d^2", inverse, [&](double x) { return u * x * x; }));
   figure.curves.push_back(theory_line("theory-1", "theory: u/d", inverse, [&](double x) { return u * x; }));
   findings.figures.push_back(std::move(figure));
@@ -71,7 +70,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim normal_equations() {
+Claim claim() {
   return {.id = "normal-equations",
           .number = 28,
           .title = "An information filter that forms P^-1 loses the square of what a root of it loses",
@@ -99,4 +98,4 @@ Claim normal_equations() {
               "T held:  ||dx|| <= c u k(T+) ||x||,  Y held:  ||dx|| <= c u k(T+)^2 ||x||"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::normal_equations

@@ -14,7 +14,7 @@
 #include <kfstab/reference/bounds.hpp>
 #include <kfstab/reference/steady_state.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::one_triangle {
 namespace {
 
 using Covariances = Problem<CovarianceModel<double>>;
@@ -194,7 +194,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim one_triangle() {
+Claim claim() {
   return {
       .id = "one-triangle",
       .number = 23,
@@ -227,4 +227,4 @@ Claim one_triangle() {
           "D = P - P',  F = A - K C,  G = K C"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::one_triangle

@@ -21,7 +21,7 @@
 #include <kfstab/filters/ud.hpp>
 #include <kfstab/filters/unsymmetrised.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::operation_counts {
 namespace {
 
 using Number = Counting<double>;
@@ -91,8 +91,8 @@ std::int64_t multiplications(Dimensions d) {
       return static_cast<bool>(filter.step(model));
   };
   if (!step()) return -1;
-  operations() = {};
-  return step() ? operations().multiplications : -1;
+  kfstab::operations() = {};
+  return step() ? kfstab::operations().multiplications : -1;
 }
 
 /// Coefficients of n^3, n^2 m, n^2 p, n m p in theory (5).
@@ -209,7 +209,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim operation_counts() {
+Claim claim() {
   return {
       .id = "operation-counts",
       .number = 19,
@@ -238,4 +238,4 @@ Claim operation_counts() {
           "csrf:  alpha n^2 + 3 alpha n p + alpha p^2"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::operation_counts

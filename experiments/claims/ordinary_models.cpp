@@ -5,13 +5,14 @@
 
 #include <kfstab/experiments/catalogue.hpp>
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/curves.hpp>
 #include <kfstab/experiments/interruption.hpp>
 #include <kfstab/experiments/models.hpp>
 #include <kfstab/experiments/traces.hpp>
 #include <kfstab/filters/registry.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::ordinary_models {
 namespace {
 
 using reference::Errors;
@@ -48,7 +49,7 @@ Findings measure(const Settings& set) {
   }
 
   Findings findings;
-  const double limit = 4 * static_cast<double>(steps) * unit_roundoff<double>();
+  const double limit = 4 * static_cast<double>(steps) * u;
   for (const std::string& id : studied)
     if (!follows_A(*find_filter(id)))
       findings.checks.push_back(check_at_most(fmt::format("{}: worst error over the models", id), limit,
@@ -81,7 +82,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim ordinary_models() {
+Claim claim() {
   return {
       .id = "ordinary-models",
       .number = 20,
@@ -107,4 +108,4 @@ Claim ordinary_models() {
           "||dP_k|| <= 4 k u ||P_k||"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::ordinary_models

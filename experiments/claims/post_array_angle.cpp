@@ -1,11 +1,11 @@
 #include <cmath>
-#include <limits>
 #include <map>
 
 #include <fmt/core.h>
 #include <boost/random/uniform_real_distribution.hpp>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/curves.hpp>
 #include <kfstab/experiments/interruption.hpp>
 #include <kfstab/experiments/ladder.hpp>
@@ -13,7 +13,7 @@
 #include <kfstab/filters/registry.hpp>
 #include <kfstab/reference/trajectory.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::post_array_angle {
 namespace {
 
 /// A number between 1/2 and 2 times `size`, of 20 bits, so that its square is a double.
@@ -66,9 +66,7 @@ Findings measure(const Settings& set) {
           const auto filter = make_filter<double>(id);
           filter->start(problem);
           const auto step = filter->step(0, nullptr, nullptr);
-          errors[id].add(rung, difficulty,
-                         step.report ? truth.measure(filter->metadata(), step).covariance
-                                     : std::numeric_limits<double>::infinity());
+          errors[id].add(rung, difficulty, step.report ? truth.measure(filter->metadata(), step).covariance : infinity);
           if (id != "srcf") continue;
           const Matrix<double> S = rotated(a(0, 0), r(0, 0), s(0, 0));
           auto by_rotation = step;
@@ -111,8 +109,7 @@ Findings measure(const Settings& set) {
   figure.curves.push_back(std::move(rotation));
   for (const int power : {1, 2}) {
     auto line = theory_line(fmt::format("theory-{}", power), power == 1 ? "theory: u/cos" : "theory: u/cos^2");
-    for (const double x : errors["srcf"].difficulties())
-      add_point(line, x, unit_roundoff<double>() * std::pow(x, power));
+    for (const double x : errors["srcf"].difficulties()) add_point(line, x, u * std::pow(x, power));
     figure.curves.push_back(std::move(line));
   }
   findings.figures.push_back(std::move(figure));
@@ -121,7 +118,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim post_array_angle() {
+Claim claim() {
   return {.id = "post-array-angle",
           .number = 10,
           .title = "A step that leaves little of P loses digits by a subtraction",
@@ -149,4 +146,4 @@ Claim post_array_angle() {
               "n = p = 1,  B = 0,  C = 1:  k(Re) = 1,  cos^2 = R / (P + R)"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::post_array_angle

@@ -1,16 +1,16 @@
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include <fmt/core.h>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/curves.hpp>
 #include <kfstab/experiments/models.hpp>
 #include <kfstab/filters/square_root_covariance.hpp>
 #include <kfstab/reference/trajectory.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::re_cholesky {
 namespace {
 
 /// The lower Cholesky factor of P, its pivots kept above 2 u p_jj: what is done so that a filter does not break down.
@@ -20,7 +20,7 @@ Matrix<double> clamped_cholesky(const Matrix<double>& P) {
   for (Index j = 0; j < n; ++j) {
     double pivot = P(j, j);
     for (Index l = 0; l < j; ++l) pivot -= L(j, l) * L(j, l);
-    L(j, j) = std::sqrt(std::max(pivot, 2 * unit_roundoff<double>() * P(j, j)));
+    L(j, j) = std::sqrt(std::max(pivot, 2 * u * P(j, j)));
     for (Index i = j + 1; i < n; ++i) {
       double sum = P(i, j);
       for (Index l = 0; l < j; ++l) sum -= L(i, l) * L(j, l);
@@ -58,7 +58,7 @@ Findings measure(const Settings& set) {
   root.start(S0, x0);
   squared.start(S0, x0);
   // det P+ = det(A)^2 det(P) det(R) / det(Re), det A = R = 1 and no process noise: exact but for the rounding of Re.
-  double exact = log_determinant(S0), worst_root = 0, off = std::numeric_limits<double>::quiet_NaN();
+  double exact = log_determinant(S0), worst_root = 0, off = NaN;
   std::vector<double> k{0}, exactly{exact}, of_root{exact}, of_squared{exact};
   for (std::int64_t step = 0; step < steps; ++step) {
     truth.advance();
@@ -100,7 +100,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim re_cholesky() {
+Claim claim() {
   return {.id = "re-cholesky",
           .number = 32,
           .title = "A root that is squared and factored anew in every step is no root",
@@ -123,4 +123,4 @@ Claim re_cholesky() {
               "B = 0,  R = 1,  det A = 1:  det P+ = det P / Re"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::re_cholesky

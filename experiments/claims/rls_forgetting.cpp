@@ -1,16 +1,16 @@
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include <fmt/core.h>
 
 #include <kfstab/experiments/asymmetry.hpp>
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/curves.hpp>
 #include <kfstab/experiments/models.hpp>
 #include <kfstab/filters/registry.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::rls_forgetting {
 namespace {
 
 constexpr double seed_size = 1e-12;
@@ -59,7 +59,7 @@ Findings measure(const Settings& set) {
     for (const Metadata* filter : filters) {
       const auto curve = norms(asymmetries(*filter, problem, static_cast<int>(system.steps), 1e-2));
       const std::string coding = coding_of(*filter), name = coding == "symmetric" ? std::string(filter->id) : coding;
-      const double last = curve.empty() ? std::numeric_limits<double>::quiet_NaN() : curve.back();
+      const double last = curve.empty() ? NaN : curve.back();
       if (follows_A(filter->asymmetry))
         findings.checks.push_back(check_close(fmt::format("{} at f = {:g}: growth of the asymmetry a step", name, f),
                                               1 / f, fit_growth(curve, 1e-13, 1e-4).factor, .01));
@@ -86,7 +86,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim rls_forgetting() {
+Claim claim() {
   return {.id = "rls-forgetting",
           .number = 24,
           .title = "Least squares with a forgetting factor loses the symmetry of P as fast as it forgets",
@@ -112,4 +112,4 @@ Claim rls_forgetting() {
               "D+ = F D F'  in (i)"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::rls_forgetting

@@ -1,15 +1,15 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 
 #include <fmt/core.h>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/models.hpp>
 #include <kfstab/reference/definiteness.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::rounded_decimals {
 namespace {
 
 // Numbers are counted in units of the last decimal, 1/1000: then A P A' + Q is exact in double, R = 1, and storing is
@@ -53,7 +53,7 @@ Plane upper_root(const Plane& P) {
 /// k_2 of a 2 x 2 matrix, infinite if its determinant is 0; the integers here have exact determinants.
 double condition(const Plane& X) {
   const double size = X.squaredNorm(), det = std::abs(X(0, 0) * X(1, 1) - X(0, 1) * X(1, 0));
-  if (det == 0) return std::numeric_limits<double>::infinity();
+  if (det == 0) return infinity;
   const double sum = std::sqrt(size + 2 * det), difference = std::sqrt(std::max(0., size - 2 * det));
   return (sum + difference) * (sum + difference) / (4 * det);
 }
@@ -105,10 +105,11 @@ Findings measure(const Settings& set) {
                          {},
                          reports::CurveRole::measured_line,
                          static_cast<int>(update)};
-    double singular_at = std::numeric_limits<double>::quiet_NaN();
+    double singular_at = NaN;
     for (int T = 1; T <= last; ++T) {
       const Plane& X = P[static_cast<std::size_t>(T - 1)];
-      if (std::isnan(singular_at) && !reference::is_positive_definite((X + X.transpose()) / 2)) singular_at = T;
+      if (std::isnan(singular_at) && !reference::is_positive_definite(Matrix<double>((X + X.transpose()) / 2)))
+        singular_at = T;
       curve.x.push_back(T);
       curve.y.push_back(condition(X));
     }
@@ -156,7 +157,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim rounded_decimals() {
+Claim claim() {
   return {
       .id = "rounded-decimals",
       .number = 17,
@@ -181,4 +182,4 @@ Claim rounded_decimals() {
           "P_{k|k} = S S':  det S != 0  for S so stored"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::rounded_decimals

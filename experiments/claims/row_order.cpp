@@ -1,11 +1,11 @@
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <map>
 
 #include <fmt/core.h>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/curves.hpp>
 #include <kfstab/experiments/fit.hpp>
 #include <kfstab/experiments/interruption.hpp>
@@ -13,7 +13,7 @@
 #include <kfstab/filters/structured_lq.hpp>
 #include <kfstab/properties/precise.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::row_order {
 namespace {
 
 using properties::Precise;
@@ -70,12 +70,9 @@ Findings measure(const Settings& set) {
 
   Findings findings;
   // From k = 2 on, where the loss is above the floor.
-  findings.checks.push_back(
-      check_within("lower Q^-1/2: slope of the error of T'T in k(Q^1/2)", 1,
-                   fit_power({condition.begin() + 2, condition.end()}, {lower.begin() + 2, lower.end()}, 0,
-                             std::numeric_limits<double>::infinity())
-                       .slope,
-                   .15));
+  findings.checks.push_back(check_within(
+      "lower Q^-1/2: slope of the error of T'T in k(Q^1/2)", 1,
+      fit_power({condition.begin() + 2, condition.end()}, {lower.begin() + 2, lower.end()}, 0, infinity).slope, .15));
   findings.checks.push_back(check_at_most("upper Q^-1/2: growth of the error of T'T from the smallest k(Q^1/2)", 10,
                                           *std::ranges::max_element(upper) / upper.front(),
                                           "no loss; medians of random frames scatter by a few"));
@@ -93,15 +90,14 @@ Findings measure(const Settings& set) {
   figure.y = {"relative error of T'T after one step, median", true};
   figure.curves.push_back({"lower", "lower Q^-1/2", condition, lower, reports::CurveRole::measured_points, 0});
   figure.curves.push_back({"upper", "upper Q^-1/2", condition, upper, reports::CurveRole::measured_points, 1});
-  figure.curves.push_back(
-      theory_line("theory", "theory: u k(Q^1/2)", condition, [](double k) { return unit_roundoff<double>() * k; }));
+  figure.curves.push_back(theory_line("theory", "theory: u k(Q^1/2)", condition, [](double k) { return u * k; }));
   findings.figures.push_back(std::move(figure));
   return findings;
 }
 
 }  // namespace
 
-Claim row_order() {
+Claim claim() {
   return {.id = "row-order",
           .number = 26,
           .title = "The inverse of the lower Q^1/2 is the wrong root of Q^-1",
@@ -129,4 +125,4 @@ Claim row_order() {
               "upper:  Q^{-1/2} = (1 + e^2)^{-1/2} [(1 + e^2)/e, -1/e; 0, 1]"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::row_order

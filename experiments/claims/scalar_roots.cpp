@@ -1,18 +1,18 @@
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <map>
 
 #include <fmt/core.h>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/curves.hpp>
 #include <kfstab/experiments/fit.hpp>
 #include <kfstab/experiments/interruption.hpp>
 #include <kfstab/experiments/models.hpp>
 #include <kfstab/experiments/traces.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::scalar_roots {
 namespace {
 
 using reference::Errors;
@@ -45,7 +45,7 @@ Findings measure(const Settings& set) {
       worst[id].push_back(trace.worst(&Errors::covariance));
     // After every second measurement, where both have been taken.
     const auto sequential = traces(one_a_step(d, steps), {"srcf"}).at("srcf");
-    double most = sequential.end == Status::ok ? 0 : std::numeric_limits<double>::infinity();
+    double most = sequential.end == Status::ok ? 0 : infinity;
     for (std::size_t k = 1; k < sequential.errors.size(); k += 2)
       most = std::max(most, sequential.errors[k].covariance);
     worst["srcf one at a time"].push_back(most);
@@ -79,15 +79,14 @@ Findings measure(const Settings& set) {
   for (const char* id : {"ud", "potter", "carlson", "srcf"}) figure.curves.push_back(measured(id, inverse, worst[id]));
   figure.curves.push_back({"srcf-sequential", "srcf, one at a time", inverse, worst["srcf one at a time"],
                            reports::CurveRole::measured_points, color_of("joseph")});
-  figure.curves.push_back(
-      theory_line("theory", "theory: u/d", inverse, [](double x) { return unit_roundoff<double>() * x; }));
+  figure.curves.push_back(theory_line("theory", "theory: u/d", inverse, [](double x) { return u * x; }));
   findings.figures.push_back(std::move(figure));
   return findings;
 }
 
 }  // namespace
 
-Claim scalar_roots() {
+Claim claim() {
   return {
       .id = "scalar-roots",
       .number = 30,
@@ -111,4 +110,4 @@ Claim scalar_roots() {
           "||dP|| <= c u k(Re)^{1/2} ||P||,  k(Re) -> 4.5 / d^2"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::scalar_roots

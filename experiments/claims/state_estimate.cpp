@@ -1,11 +1,11 @@
 #include <cmath>
-#include <limits>
 #include <map>
 #include <memory>
 
 #include <fmt/core.h>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/curves.hpp>
 #include <kfstab/experiments/interruption.hpp>
 #include <kfstab/experiments/ladder.hpp>
@@ -15,7 +15,7 @@
 #include <kfstab/properties/data.hpp>
 #include <kfstab/reference/trajectory.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::state_estimate {
 namespace {
 
 /// The forms for which theory 4 bounds the gain: those that hold P, and the two arrays.
@@ -66,9 +66,7 @@ Findings measure(const Settings& set) {
           const auto filter = make_filter<double>(id);
           filter->start(problem);
           const auto step = filter->step(0, &y, nullptr);
-          errors[id].add(
-              rung, std::exp2(j),
-              step.report ? truth.measure(filter->metadata(), step).state : std::numeric_limits<double>::infinity());
+          errors[id].add(rung, std::exp2(j), step.report ? truth.measure(filter->metadata(), step).state : infinity);
         }
       }
     }
@@ -93,7 +91,7 @@ Findings measure(const Settings& set) {
   for (const int power : {1, 2}) {
     auto line = theory_line(fmt::format("theory-{}", power), power == 1 ? "theory: u/d" : "theory: u/d^2");
     for (const double x : errors["srcf"].difficulties())
-      if (const double y = unit_roundoff<double>() * std::pow(x, power); y <= 1) add_point(line, x, y);
+      if (const double y = u * std::pow(x, power); y <= 1) add_point(line, x, y);
     figure.curves.push_back(std::move(line));
   }
   findings.figures.push_back(std::move(figure));
@@ -102,7 +100,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim state_estimate() {
+Claim claim() {
   return {
       .id = "state-estimate",
       .number = 12,
@@ -131,4 +129,4 @@ Claim state_estimate() {
           "k(Re) = (s_1/s_p)^2 ~ 1/d^2"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::state_estimate

@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <map>
 #include <string_view>
 #include <vector>
@@ -8,6 +7,7 @@
 #include <fmt/core.h>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/curves.hpp>
 #include <kfstab/experiments/interruption.hpp>
 #include <kfstab/experiments/models.hpp>
@@ -16,10 +16,9 @@
 #include <kfstab/properties/precise.hpp>
 #include <kfstab/reference/steady_state.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::steady_state_level {
 namespace {
 
-constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 constexpr std::int64_t watched = 200;  // the last steps of a run
 constexpr int csrf_at = 16;            // the Chandrasekhar filter is judged at q = 2^-16
 
@@ -56,7 +55,7 @@ double level(const Metadata& metadata, const Integrator& what) {
   double worst = 0;
   for (std::int64_t k = 0; k < what.system.steps; ++k) {
     const auto step = filter->step(k, nullptr, nullptr);
-    if (!step.report) return std::numeric_limits<double>::infinity();
+    if (!step.report) return infinity;
     if (k >= what.system.steps - watched)
       keep_worst(worst, (covariance_of(metadata, *step.held) - truth).norm() / truth.norm());
   }
@@ -69,18 +68,17 @@ double chandrasekhar_level(const Integrator& what) {
   const auto filter = make_filter<double>("csrf");
   filter->start(problem);
   for (std::int64_t k = 0; k < what.system.steps; ++k)
-    if (!filter->step(k, nullptr, nullptr).report) return std::numeric_limits<double>::infinity();
+    if (!filter->step(k, nullptr, nullptr).report) return infinity;
   const Matrix<double> gain = *filter->step(what.system.steps, nullptr, nullptr).gain;
   return (gain - what.limit.predictor_gain).norm() / what.limit.predictor_gain.norm();
 }
 
 Findings measure(const Settings& set) {
   const int finest = static_cast<int>(set("finest"));
-  const double u = unit_roundoff<double>();
   std::map<std::string, reports::Curve> curves;
   auto bound = theory_line("theory-20", "20 u / (1 - rho^2)"), unit = theory_line("theory-1", "u / (1 - rho^2)");
   auto chandrasekhar = measured_points("csrf", "csrf, K", "csrf");
-  double csrf_ratio = nan;
+  double csrf_ratio = NaN;
   std::vector<double> conditions;  // of P, for each q
   for (int exponent = 8; exponent <= finest && !interrupted(); exponent += 2) {
     const auto what = integrator(exponent);
@@ -143,7 +141,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim steady_state_level() {
+Claim claim() {
   return {.id = "steady-state-level",
           .number = 5,
           .title = "The steady error is at most of size u / (1 - rho(F)^2)",
@@ -172,4 +170,4 @@ Claim steady_state_level() {
               "||dP|| <= c u ||P|| / (1 - rho(F)^2)"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::steady_state_level

@@ -1,17 +1,17 @@
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <set>
 
 #include <fmt/core.h>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/curves.hpp>
 #include <kfstab/experiments/models.hpp>
 #include <kfstab/experiments/traces.hpp>
 #include <kfstab/filters/registry.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::unexcited_mode {
 namespace {
 
 using reference::Errors;
@@ -30,7 +30,6 @@ properties::System system_with(double mode, std::int64_t steps) {
 
 Findings measure(const Settings& set) {
   Findings findings;
-  const double u = unit_roundoff<double>();
   const auto studied = filter_ids([](const Metadata& m) { return m.holds == Held::covariance || holds_root(m.holds); });
   const double shown = std::round(256 * set("mode")) / 256;
   for (const double mode : std::set{shown, 1.25}) {
@@ -39,7 +38,7 @@ Findings measure(const Settings& set) {
     reports::Figure figure;
     for (const std::string& id : studied) {
       const auto& errors = traced.at(id).errors;
-      double lost = std::numeric_limits<double>::quiet_NaN();
+      double lost = NaN;
       std::vector<double> x, y;
       for (std::size_t k = 0; k < errors.size(); ++k) {
         x.push_back(static_cast<double>(k + 1));
@@ -75,7 +74,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim unexcited_mode() {
+Claim claim() {
   return {
       .id = "unexcited-mode",
       .number = 25,
@@ -103,4 +102,4 @@ Claim unexcited_mode() {
           "u l1^{2k} = 1  at k = log(1/u) / (2 log l1),  (u l1^k)^2 = 1  at k = log(1/u) / (log l1)"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::unexcited_mode

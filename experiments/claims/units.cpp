@@ -10,7 +10,7 @@
 #include <kfstab/filters/registry.hpp>
 #include <kfstab/properties/precise.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::units {
 namespace {
 
 // What each of these does to a state's row is the same whatever the row's unit: sums over columns, reflectors of
@@ -104,7 +104,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim units() {
+Claim claim() {
   return {
       .id = "units",
       .number = 29,
@@ -129,4 +129,4 @@ Claim units() {
           "k(N P N) ~ k(N)^2 k(P),  k(N)^2 = 2^160"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::units

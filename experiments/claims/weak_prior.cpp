@@ -5,6 +5,7 @@
 #include <fmt/core.h>
 
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/curves.hpp>
 #include <kfstab/experiments/fit.hpp>
 #include <kfstab/experiments/interruption.hpp>
@@ -12,7 +13,7 @@
 #include <kfstab/experiments/traces.hpp>
 #include <kfstab/filters/registry.hpp>
 
-namespace kfstab::experiments::claims {
+namespace kfstab::experiments::claims::weak_prior {
 namespace {
 
 using reference::Errors;
@@ -89,7 +90,6 @@ Findings measure(const Settings& set) {
   held.label = "srif: T'T itself";
   held.color = -1;
   figure.curves.push_back(std::move(held));
-  const double u = unit_roundoff<double>();
   figure.curves.push_back(theory_line("theory-1", "theory: u prior", priors, [&](double x) { return u * x; }));
   figure.curves.push_back(
       theory_line("theory-half", "theory: u prior^1/2", priors, [&](double x) { return u * std::sqrt(x); }));
@@ -99,7 +99,7 @@ Findings measure(const Settings& set) {
 
 }  // namespace
 
-Claim weak_prior() {
+Claim claim() {
   return {
       .id = "weak-prior",
       .number = 14,
@@ -127,4 +127,4 @@ Claim weak_prior() {
           "T held:  ||dT|| <= c u (k(A) + k(R^{1/2}) + (t_1/t_m) (k(Q^{1/2}) + k(A))) ||T+|| / cos3"};
 }
 
-}  // namespace kfstab::experiments::claims
+}  // namespace kfstab::experiments::claims::weak_prior

@@ -124,7 +124,7 @@ const char* kind_name(properties::SubjectFault::Kind kind) {
 }
 
 /// One filter to be checked: made in the thread that checks it.
-struct Candidate {
+struct SubjectOnOffer {
   std::string selected_by;
   std::function<std::unique_ptr<properties::Subject>()> make;
 };
@@ -136,8 +136,8 @@ std::string quoted(const std::string& text) {
   return word + "'";
 }
 
-std::vector<Candidate> candidates(const CheckArguments& arguments) {
-  std::vector<Candidate> all;
+std::vector<SubjectOnOffer> candidates(const CheckArguments& arguments) {
+  std::vector<SubjectOnOffer> all;
   if (arguments.filters) {
     for (const Metadata* metadata : select_filters(*arguments.filters))
       all.push_back(

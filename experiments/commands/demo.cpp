@@ -15,7 +15,7 @@ namespace kfstab::experiments {
 namespace {
 
 /// The demo's four claims.
-constexpr int shown[] = {3, 4, 8, 11};
+constexpr int demo_claims[] = {3, 4, 8, 11};
 
 /// One filter that diverges and one that holds, out of the figure of the divergence claim.
 reports::Figure two_filters(const ClaimResult& divergence) {
@@ -31,9 +31,9 @@ int demo_command(const std::string& out) {
   Output output(out, "demo", "");
   std::vector<ClaimResult> results;
   {
-    Progress progress("demo", std::ssize(shown));
+    Progress progress("demo", std::ssize(demo_claims));
     std::vector<Claim> claims = all_claims();
-    std::erase_if(claims, [](const Claim& claim) { return !std::ranges::count(shown, claim.number); });
+    std::erase_if(claims, [](const Claim& claim) { return !std::ranges::count(demo_claims, claim.number); });
     results = run_claims(claims, {}, Effort::full, 0, [&] { progress.advance(); });
   }
   const Context made = context();

@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::accurate_measurement {
 
 namespace {
 
@@ -26,7 +26,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law accurate_measurement() {
+Law law() {
   return {
       .id = "accurate-measurement",
       .statement = "C P_{k|k} C' <= R, tried with 4^-8 R and a step that lets no time go by (A = I, B = 0)",
@@ -40,4 +40,4 @@ Law accurate_measurement() {
       .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::accurate_measurement

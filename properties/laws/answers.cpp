@@ -6,7 +6,7 @@
 
 #include <fmt/format.h>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::answers {
 
 namespace {
 
@@ -35,7 +35,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law answers() {
+Law law() {
   return {.id = "answers",
           .statement =
               "every step of an ordinary system is answered: with matrices of the right shape, all entries finite, and "
@@ -54,4 +54,4 @@ Law answers() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::answers

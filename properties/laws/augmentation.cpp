@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::augmentation {
 
 namespace {
 
@@ -47,7 +47,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law augmentation() {
+Law law() {
   return {.id = "augmentation",
           .statement =
               "One more state that only follows, x_{n+1}(k+1) = x_1(k) + x_{n+1}(k) / 2, and that nothing depends on: "
@@ -61,4 +61,4 @@ Law augmentation() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::augmentation

@@ -4,7 +4,7 @@
 
 #include <kfstab/properties/data.hpp>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::batch {
 
 namespace {
 
@@ -87,7 +87,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law batch() {
+Law law() {
   return {
       .id = "batch",
       .statement =
@@ -103,4 +103,4 @@ Law batch() {
       .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::batch

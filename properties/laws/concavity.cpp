@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::concavity {
 
 namespace {
 
@@ -33,7 +33,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law concavity() {
+Law law() {
   return {.id = "concavity",
           .statement = "P of the mean of (P0, Q, R) and (4 P0, 16 Q, 64 R) is at least the mean of their P",
           .assumptions = "n, m, p <= 4; the first 2 steps; steps in which 30 b is small",
@@ -45,4 +45,4 @@ Law concavity() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::concavity

@@ -1,6 +1,6 @@
 #include <kfstab/properties/comparison.hpp>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::data_independence {
 
 namespace {
 
@@ -19,7 +19,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law data_independence() {
+Law law() {
   return {.id = "data-independence",
           .statement =
               "P and K do not depend on x0, y and u: bit by bit the same with all of them multiplied by -2^10 and "
@@ -33,4 +33,4 @@ Law data_independence() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::data_independence

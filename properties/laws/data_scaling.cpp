@@ -1,6 +1,6 @@
 #include <kfstab/properties/comparison.hpp>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::data_scaling {
 
 namespace {
 
@@ -10,7 +10,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law data_scaling() {
+Law law() {
   return {.id = "data-scaling",
           .statement = "x0, y and u times -2^10: x times -2^10, P and K as they were, bit by bit",
           .assumptions = "none",
@@ -24,4 +24,4 @@ Law data_scaling() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::data_scaling

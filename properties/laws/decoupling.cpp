@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::decoupling {
 
 namespace {
 
@@ -75,7 +75,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law decoupling() {
+Law law() {
   return {.id = "decoupling",
           .statement =
               "A state with a noise and a measurement of its own, that has nothing to do with the others: P, K and x "
@@ -89,4 +89,4 @@ Law decoupling() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::decoupling

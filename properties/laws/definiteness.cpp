@@ -1,6 +1,6 @@
 #include <kfstab/properties/law.hpp>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::definiteness {
 
 namespace {
 
@@ -16,7 +16,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) { return wors
 
 }  // namespace
 
-Law definiteness() {
+Law law() {
   return {
       .id = "definiteness",
       .statement =
@@ -34,4 +34,4 @@ Law definiteness() {
       .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::definiteness

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::duplicate_measurement {
 
 namespace {
 
@@ -45,7 +45,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law duplicate_measurement() {
+Law law() {
   return {.id = "duplicate-measurement",
           .statement =
               "Every measurement twice, each of the two with 2 R and noise of its own: P and x as from one with R, K "
@@ -59,4 +59,4 @@ Law duplicate_measurement() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::duplicate_measurement

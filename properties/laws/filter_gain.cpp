@@ -1,6 +1,6 @@
 #include <kfstab/properties/law.hpp>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::filter_gain {
 
 namespace {
 
@@ -19,7 +19,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) { return wors
 
 }  // namespace
 
-Law filter_gain() {
+Law law() {
   return {.id = "filter-gain",
           .statement = "Kf R = P_{k|k} C', or K R = A P_{k|k} C': the gain by the covariance after the update",
           .assumptions =
@@ -34,4 +34,4 @@ Law filter_gain() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::filter_gain

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::gain_innovation {
 
 namespace {
 
@@ -51,7 +51,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) { return wors
 
 }  // namespace
 
-Law gain_innovation() {
+Law law() {
   return {
       .id = "gain-innovation",
       .statement =
@@ -70,4 +70,4 @@ Law gain_innovation() {
       .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::gain_innovation

@@ -1,6 +1,6 @@
 #include <kfstab/properties/law.hpp>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::gain_optimality {
 
 namespace {
 
@@ -19,7 +19,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) { return wors
 
 }  // namespace
 
-Law gain_optimality() {
+Law law() {
   return {.id = "gain-optimality",
           .statement =
               "P(K + dK) - P(K) = dK Re dK', P(.) by Joseph's form: with the right gain there is no term of first "
@@ -35,4 +35,4 @@ Law gain_optimality() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::gain_optimality

@@ -1,6 +1,6 @@
 #include <kfstab/properties/comparison.hpp>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::homogeneity {
 
 namespace {
 
@@ -13,7 +13,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law homogeneity() {
+Law law() {
   return {
       .id = "homogeneity",
       .statement = "P0, Q and R times 4^-20: P times 4^-20, x and K as they were, bit by bit; a root of P times 2^-20",
@@ -32,4 +32,4 @@ Law homogeneity() {
       .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::homogeneity

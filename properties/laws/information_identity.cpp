@@ -1,6 +1,6 @@
 #include <kfstab/properties/law.hpp>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::information_identity {
 
 namespace {
 
@@ -24,7 +24,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) { return wors
 
 }  // namespace
 
-Law information_identity() {
+Law law() {
   return {.id = "information-identity",
           .statement =
               "P_{k|k}^{-1} = P_{k|k-1}^{-1} + C' R^{-1} C, without the inverses: P_{k|k} (I + C' R^{-1} C P_{k|k-1}) "
@@ -40,4 +40,4 @@ Law information_identity() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::information_identity

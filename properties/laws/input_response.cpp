@@ -1,6 +1,6 @@
 #include <kfstab/properties/comparison.hpp>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::input_response {
 
 namespace {
 
@@ -27,7 +27,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law input_response() {
+Law law() {
   return {
       .id = "input-response",
       .statement = "Without u, and with y less C s_k, s_{k+1} = A s_k + D u_k: x less s_k, P and K as they were",
@@ -41,4 +41,4 @@ Law input_response() {
       .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::input_response

@@ -1,6 +1,6 @@
 #include <kfstab/properties/comparison.hpp>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::isolation {
 
 namespace {
 
@@ -15,7 +15,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law isolation() {
+Law law() {
   return {.id = "isolation",
           .statement = "A run after one of another problem gives the same answers as a run after itself, bit by bit",
           .assumptions = "none",
@@ -27,4 +27,4 @@ Law isolation() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::isolation

@@ -1,6 +1,6 @@
 #include <kfstab/properties/law.hpp>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::joseph {
 
 namespace {
 
@@ -17,7 +17,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) { return wors
 
 }  // namespace
 
-Law joseph() {
+Law law() {
   return {.id = "joseph",
           .statement =
               "P_{k|k} = (I - Kf C) P (I - Kf C)' + Kf R Kf' with the gain as answered; P+ = (A - K C) P (A - K C)' + "
@@ -34,4 +34,4 @@ Law joseph() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::joseph

@@ -5,7 +5,7 @@
 
 #include <fmt/format.h>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::log_likelihood {
 
 namespace {
 
@@ -42,7 +42,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) { return wors
 
 }  // namespace
 
-Law log_likelihood() {
+Law law() {
   return {
       .id = "log-likelihood",
       .statement =
@@ -60,4 +60,4 @@ Law log_likelihood() {
       .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::log_likelihood

@@ -1,6 +1,6 @@
 #include <kfstab/properties/comparison.hpp>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::measurement_basis {
 
 namespace {
 
@@ -12,7 +12,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law measurement_basis() {
+Law law() {
   return {.id = "measurement-basis",
           .statement =
               "The measurement in another orthonormal basis (y as M y, C as M C, R as M R M'): P and x as they were, K "
@@ -28,4 +28,4 @@ Law measurement_basis() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::measurement_basis

@@ -1,6 +1,6 @@
 #include <kfstab/properties/law.hpp>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::measurement_never_hurts {
 
 namespace {
 
@@ -14,7 +14,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) { return wors
 
 }  // namespace
 
-Law measurement_never_hurts() {
+Law law() {
   return {
       .id = "measurement-never-hurts",
       .statement =
@@ -28,4 +28,4 @@ Law measurement_never_hurts() {
       .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::measurement_never_hurts

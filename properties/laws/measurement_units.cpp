@@ -1,6 +1,6 @@
 #include <kfstab/properties/comparison.hpp>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::measurement_units {
 
 namespace {
 
@@ -17,7 +17,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law measurement_units() {
+Law law() {
   return {.id = "measurement-units",
           .statement =
               "Measurement i in a unit that is 2^e_i times smaller (C as E C, R as E R E, y as E y, E = diag(2^e)): P "
@@ -33,4 +33,4 @@ Law measurement_units() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::measurement_units

@@ -2,7 +2,7 @@
 
 #include <limits>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::missing_measurement {
 
 namespace {
 
@@ -58,7 +58,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law missing_measurement() {
+Law law() {
   return {.id = "missing-measurement",
           .statement =
               "With every measurement missing, P and x are those of time updates alone: P+ = A P A' + B Q B', x+ = A x "
@@ -74,4 +74,4 @@ Law missing_measurement() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::missing_measurement

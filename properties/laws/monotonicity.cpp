@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::monotonicity {
 
 namespace {
 
@@ -27,7 +27,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law monotonicity() {
+Law law() {
   return {.id = "monotonicity",
           .statement = "P of the system with 4 P0, 16 Q and 64 R lies between 4 P and 64 P",
           .assumptions = "n, m, p <= 4; the first 2 steps; steps in which 30 b is small",
@@ -39,4 +39,4 @@ Law monotonicity() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::monotonicity

@@ -4,7 +4,7 @@
 
 #include <fmt/format.h>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::nees {
 
 namespace {
 
@@ -32,7 +32,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law nees() {
+Law law() {
   return {
       .id = "nees",
       .statement =
@@ -47,4 +47,4 @@ Law nees() {
       .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::nees

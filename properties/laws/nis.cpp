@@ -5,7 +5,7 @@
 
 #include <fmt/format.h>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::nis {
 
 namespace {
 
@@ -24,7 +24,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law nis() {
+Law law() {
   return {.id = "nis",
           .statement =
               "e' Re^{-1} e, e = y - C x_{k|k-1}, has the mean p over a run: chi-squared, if the data are of the model",
@@ -39,4 +39,4 @@ Law nis() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::nis

@@ -1,6 +1,6 @@
 #include <kfstab/properties/comparison.hpp>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::noise_basis {
 
 namespace {
 
@@ -12,7 +12,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law noise_basis() {
+Law law() {
   return {
       .id = "noise-basis",
       .statement = "The process noise in another orthonormal basis (B as B V', Q as V Q V'): P, K and x as they were",
@@ -27,4 +27,4 @@ Law noise_basis() {
       .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::noise_basis

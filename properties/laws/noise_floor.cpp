@@ -1,6 +1,6 @@
 #include <kfstab/properties/law.hpp>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::noise_floor {
 
 namespace {
 
@@ -23,7 +23,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) { return wors
 
 }  // namespace
 
-Law noise_floor() {
+Law law() {
   return {
       .id = "noise-floor",
       .statement =
@@ -40,4 +40,4 @@ Law noise_floor() {
       .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::noise_floor

@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::noisy_measurement {
 
 namespace {
 
@@ -27,7 +27,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law noisy_measurement() {
+Law law() {
   return {.id = "noisy-measurement",
           .statement =
               "With 4^20 R in the place of R the first step hardly measures: open loop P - P C' R^{-1} C P <= P_{k|k} "
@@ -41,4 +41,4 @@ Law noisy_measurement() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::noisy_measurement

@@ -5,7 +5,7 @@
 
 #include <fmt/format.h>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::not_a_number {
 
 namespace {
 
@@ -27,7 +27,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law not_a_number() {
+Law law() {
   return {
       .id = "not-a-number",
       .statement = "A NaN in C is no number to compute with: the filter says so, or answers NaNs; never finite numbers",
@@ -41,4 +41,4 @@ Law not_a_number() {
       .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::not_a_number

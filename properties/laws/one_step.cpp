@@ -1,6 +1,6 @@
 #include <kfstab/properties/law.hpp>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::one_step {
 
 namespace {
 
@@ -13,7 +13,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) { return wors
 
 }  // namespace
 
-Law one_step() {
+Law law() {
   return {
       .id = "one-step",
       .statement =
@@ -32,4 +32,4 @@ Law one_step() {
       .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::one_step

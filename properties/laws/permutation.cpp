@@ -1,6 +1,6 @@
 #include <kfstab/properties/comparison.hpp>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::permutation {
 
 namespace {
 
@@ -13,7 +13,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law permutation() {
+Law law() {
   return {
       .id = "permutation",
       .statement = "States, noises and measurements in another order: P, K and x in that order, and the same numbers",
@@ -28,4 +28,4 @@ Law permutation() {
       .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::permutation

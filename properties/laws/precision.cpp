@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::precision {
 
 namespace {
 
@@ -28,7 +28,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law precision() {
+Law law() {
   return {.id = "precision",
           .statement = "Errors of P are of the size of the roundoff that the filter works with",
           .assumptions =
@@ -44,4 +44,4 @@ Law precision() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::precision

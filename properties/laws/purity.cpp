@@ -1,6 +1,6 @@
 #include <kfstab/properties/comparison.hpp>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::purity {
 
 namespace {
 
@@ -12,7 +12,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law purity() {
+Law law() {
   return {.id = "purity",
           .statement = "The same run twice in a row gives the same answers, bit by bit",
           .assumptions = "none",
@@ -24,4 +24,4 @@ Law purity() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::purity

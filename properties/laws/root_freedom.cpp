@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::root_freedom {
 
 namespace {
 
@@ -40,7 +40,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law root_freedom() {
+Law law() {
   return {
       .id = "root-freedom",
       .statement =
@@ -58,4 +58,4 @@ Law root_freedom() {
       .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::root_freedom

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <limits>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::sequential_updates {
 
 namespace {
 
@@ -58,7 +58,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law sequential_updates() {
+Law law() {
   return {
       .id = "sequential-updates",
       .statement =
@@ -74,4 +74,4 @@ Law sequential_updates() {
       .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::sequential_updates

@@ -1,6 +1,6 @@
 #include <kfstab/properties/comparison.hpp>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::similarity {
 
 namespace {
 
@@ -12,7 +12,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law similarity() {
+Law law() {
   return {.id = "similarity",
           .statement =
               "The state in another orthonormal basis (A as T A T', B as T B, C as C T', P0 as T P0 T', x0 as T x0): P "
@@ -28,4 +28,4 @@ Law similarity() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::similarity

@@ -5,7 +5,7 @@
 
 #include <fmt/format.h>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::singular_innovation {
 
 namespace {
 
@@ -39,7 +39,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law singular_innovation() {
+Law law() {
   return {.id = "singular-innovation",
           .statement =
               "With R = 0 and a measurement that is there twice, Re is singular: the filter says so, or answers a P in "
@@ -55,4 +55,4 @@ Law singular_innovation() {
       .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::singular_innovation

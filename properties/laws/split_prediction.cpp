@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <limits>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::split_prediction {
 
 namespace {
 
@@ -53,7 +53,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law split_prediction() {
+Law law() {
   return {.id = "split-prediction",
           .statement =
               "A step in two: to T A x with T a permutation of the states and their signs, and then back by A = T', B "
@@ -68,4 +68,4 @@ Law split_prediction() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::split_prediction

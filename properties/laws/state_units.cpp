@@ -1,6 +1,6 @@
 #include <kfstab/properties/comparison.hpp>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::state_units {
 
 namespace {
 
@@ -14,7 +14,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law state_units() {
+Law law() {
   return {
       .id = "state-units",
       .statement =
@@ -31,4 +31,4 @@ Law state_units() {
       .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::state_units

@@ -1,6 +1,6 @@
 #include <kfstab/properties/law.hpp>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::state_update {
 
 namespace {
 
@@ -19,7 +19,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) { return wors
 
 }  // namespace
 
-Law state_update() {
+Law law() {
   return {
       .id = "state-update",
       .statement =
@@ -37,4 +37,4 @@ Law state_update() {
       .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::state_update

@@ -7,7 +7,7 @@
 #include <kfstab/reference/error.hpp>
 #include <kfstab/reference/steady_state.hpp>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::steady_state {
 
 namespace {
 
@@ -54,7 +54,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law steady_state() {
+Law law() {
   return {.id = "steady-state",
           .statement =
               "P_{k|k-1} goes to the stabilising solution P of the algebraic Riccati equation, as P_k - P = F_{k-1} "
@@ -73,4 +73,4 @@ Law steady_state() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::steady_state

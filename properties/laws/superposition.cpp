@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::superposition {
 
 namespace {
 
@@ -35,7 +35,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law superposition() {
+Law law() {
   return {.id = "superposition",
           .statement = "x from the sum of two sets of data (x0, y, u) is the sum of the x from each",
           .assumptions =
@@ -48,4 +48,4 @@ Law superposition() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::superposition

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::symmetry {
 
 namespace {
 
@@ -62,7 +62,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) { return wors
 
 }  // namespace
 
-Law symmetry() {
+Law law() {
   return {
       .id = "symmetry",
       .statement =
@@ -83,4 +83,4 @@ Law symmetry() {
       .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::symmetry

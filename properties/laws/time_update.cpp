@@ -1,6 +1,6 @@
 #include <kfstab/properties/law.hpp>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::time_update {
 
 namespace {
 
@@ -13,7 +13,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) { return wors
 
 }  // namespace
 
-Law time_update() {
+Law law() {
   return {
       .id = "time-update",
       .statement =
@@ -28,4 +28,4 @@ Law time_update() {
       .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::time_update

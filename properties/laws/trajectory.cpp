@@ -5,7 +5,7 @@
 
 #include <fmt/format.h>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::trajectory {
 
 namespace {
 
@@ -53,7 +53,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law trajectory() {
+Law law() {
   return {.id = "trajectory",
           .statement = "P, K and x of every step are those of the certified reference, from the first step to the last",
           .assumptions =
@@ -68,4 +68,4 @@ Law trajectory() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::trajectory

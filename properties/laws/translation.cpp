@@ -1,6 +1,6 @@
 #include <kfstab/properties/comparison.hpp>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::translation {
 
 namespace {
 
@@ -27,7 +27,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law translation() {
+Law law() {
   return {.id = "translation",
           .statement = "x0 moved by d, and y_k by C d_k, d_{k+1} = A d_k: x moved by d_k, P and K as they were",
           .assumptions = "filters that answer x; the first 4 steps; steps in which 30 b is small",
@@ -40,4 +40,4 @@ Law translation() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::translation

@@ -5,7 +5,7 @@
 
 #include <fmt/format.h>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::whiteness {
 
 namespace {
 
@@ -38,7 +38,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law whiteness() {
+Law law() {
   return {.id = "whiteness",
           .statement =
               "innovations Re^{-1/2} (y - C x_{k|k-1}) of different steps are not correlated: what is left is noise",
@@ -51,4 +51,4 @@ Law whiteness() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::whiteness

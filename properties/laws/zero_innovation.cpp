@@ -4,7 +4,7 @@
 
 #include <kfstab/properties/data.hpp>
 
-namespace kfstab::properties::laws {
+namespace kfstab::properties::laws::zero_innovation {
 
 namespace {
 
@@ -41,7 +41,7 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 
 }  // namespace
 
-Law zero_innovation() {
+Law law() {
   return {.id = "zero-innovation",
           .statement = "y = C x gives x+ = A x + D u, whatever the gain: what was expected teaches nothing",
           .assumptions =
@@ -55,4 +55,4 @@ Law zero_innovation() {
           .examine = examine};
 }
 
-}  // namespace kfstab::properties::laws
+}  // namespace kfstab::properties::laws::zero_innovation

@@ -1,9 +1,9 @@
 #include <kfstab/experiments/claim.hpp>
+#include <kfstab/experiments/constants.hpp>
 
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <limits>
 #include <set>
 
 #include <gtest/gtest.h>
@@ -17,9 +17,6 @@ using kfstab::reports::Check;
 using kfstab::reports::Verdict;
 
 namespace {
-
-constexpr double NaN = std::numeric_limits<double>::quiet_NaN();
-constexpr double inf = std::numeric_limits<double>::infinity();
 
 Verdict verdict_of(std::vector<Check> checks) {
   ClaimResult result;
@@ -51,7 +48,7 @@ TEST(Verdict, IsRefutedIfOneFails) {
   EXPECT_EQ(verdict_of({good, bad, good}), Verdict::refuted);
   EXPECT_EQ(verdict_of({unmeasured, bad}), Verdict::refuted);
   EXPECT_EQ(verdict_of({bad, unmeasured}), Verdict::refuted);
-  EXPECT_EQ(verdict_of({good, {"breakdown", 1, inf, "", false}}), Verdict::refuted);
+  EXPECT_EQ(verdict_of({good, {"breakdown", 1, infinity, "", false}}), Verdict::refuted);
 }
 
 TEST(Verdict, IsInconclusiveIfOneCouldNotBeMeasuredOrThereIsNone) {
@@ -95,13 +92,13 @@ TEST(Checks, AtMostAndAtLeast) {
 }
 
 TEST(Checks, WhatIsNotFiniteDoesNotHold) {
-  for (const double measured : {NaN, inf}) {
+  for (const double measured : {NaN, infinity}) {
     EXPECT_FALSE(check_close("a", 1, measured, .01).holds) << measured;
     EXPECT_FALSE(check_within("a", 1, measured, .01).holds) << measured;
     EXPECT_FALSE(check_at_most("a", 1, measured, "").holds) << measured;
   }
   EXPECT_FALSE(check_at_least("a", 1, NaN, "").holds);
-  for (const double predicted : {NaN, inf, -inf}) {
+  for (const double predicted : {NaN, infinity, -infinity}) {
     EXPECT_FALSE(check_close("a", predicted, 1, .01).holds) << predicted;
     EXPECT_FALSE(check_within("a", predicted, 1, .01).holds) << predicted;
   }
@@ -163,7 +160,7 @@ TEST(RunClaim, UsesDefaultsAndWhatIsSet) {
 }
 
 TEST(RunClaim, RefusesASettingOutOfRange) {
-  for (const double value : {.999, 2.001, NaN, inf, -inf}) {
+  for (const double value : {.999, 2.001, NaN, infinity, -infinity}) {
     try {
       run_claim(made_up(), {{"r", value}});
       ADD_FAILURE() << value << " passed";

@@ -38,7 +38,7 @@ Difference between(const Stored& before, const Stored& after) { return differenc
 const Metadata ckf{.id = "ckf", .title = "", .update = "", .statuses = {}, .operations = "", .source = ""};
 
 /// One filter on one system, with these errors of P.
-StoredRun run(std::vector<double> errors) {
+StoredRun stored_run(std::vector<double> errors) {
   SystemRun system;
   system.name = "s";
   FilterRun f;
@@ -51,7 +51,7 @@ StoredRun run(std::vector<double> errors) {
 }  // namespace
 
 TEST(Difference, OfAFileFromItselfIsNothing) {
-  for (const Stored& stored : {Stored(claims({claim("a", 1, true)})), Stored(run({1e-16, 2e-16}))}) {
+  for (const Stored& stored : {Stored(claims({claim("a", 1, true)})), Stored(stored_run({1e-16, 2e-16}))}) {
     const Difference found = between(stored, stored);
     EXPECT_FALSE(found.worse);
     for (const auto& section : found.document.sections)
@@ -104,7 +104,7 @@ TEST(Difference, SaysWhatIsNewAndGoneAndUnderWhatElse) {
 }
 
 TEST(Difference, OfRunsJudgesBreakdownsAndDefinitenessAndTellsNumbers) {
-  const auto sound = run({1e-16, 2e-16});
+  const auto sound = stored_run({1e-16, 2e-16});
   auto indefinite = sound, later = sound, broken = sound, refused = sound;
   indefinite.systems[0].filters[0].first_indefinite = 3;
   later.systems[0].filters[0].first_indefinite = 7;
@@ -120,10 +120,10 @@ TEST(Difference, OfRunsJudgesBreakdownsAndDefinitenessAndTellsNumbers) {
   EXPECT_EQ(rows(between(indefinite, later), "soundness")[0],
             (std::vector<std::string>{"s", "ckf", "P indefinite", "step 3", "step 7", "better"}));
 
-  const auto found = between(sound, run({1e-16, 1e-3}));
+  const auto found = between(sound, stored_run({1e-16, 1e-3}));
   EXPECT_FALSE(found.worse);
   ASSERT_EQ(rows(found, "numbers").size(), 2u);
   EXPECT_EQ(rows(found, "numbers")[0], (std::vector<std::string>{"s", "ckf", "P: end", "2e-16", "0.001", "x 5e12"}));
 }
 
-TEST(Difference, RunsAndClaimsDoNotCompare) { EXPECT_THROW(between(run({1e-16}), claims({})), properties::InputError); }
+TEST(Difference, RunsAndClaimsDoNotCompare) { EXPECT_THROW(between(stored_run({1e-16}), claims({})), properties::InputError); }

@@ -227,7 +227,7 @@ class Noiseless final : public Plain<double> {
 };
 
 template <class Filter, class... Arguments>
-Fingerprint foreign(Arguments... arguments) {
+Fingerprint fingerprint_of(Arguments... arguments) {
   return *fingerprint(*properties::subject(std::make_unique<Filter>(arguments...)));
 }
 
@@ -342,14 +342,14 @@ TEST(Fingerprint, SaysItInASentence) {
 // --- filters of others --------------------------------------------------------------------------------------------------
 
 TEST(Fingerprint, KnowsACodingThatSomebodyElseWrote) {
-  const Fingerprint found = foreign<Gain<double>>("mine");
+  const Fingerprint found = fingerprint_of<Gain<double>>("mine");
   EXPECT_TRUE(names(found.alike()).contains("ckf-gain")) << sentence(found);
   EXPECT_EQ(found.precision(), "double");
   EXPECT_NE(sentence(found).find("its asymmetry grows by |l1 l2| = 1.10 a step"), std::string::npos) << sentence(found);
 }
 
 TEST(Fingerprint, KnowsSinglePrecision) {
-  const Fingerprint found = foreign<Gain<float>>("mine");
+  const Fingerprint found = fingerprint_of<Gain<float>>("mine");
   EXPECT_EQ(found.precision(), "single");
   EXPECT_TRUE(found.answers_floats);
   EXPECT_EQ(kind_of(*found.neighbours.front().filter), Kind::covariance) << sentence(found);
@@ -357,7 +357,7 @@ TEST(Fingerprint, KnowsSinglePrecision) {
 }
 
 TEST(Fingerprint, KnowsAFloatInTheMiddle) {
-  const Fingerprint found = foreign<FloatInTheMiddle>();
+  const Fingerprint found = fingerprint_of<FloatInTheMiddle>();
   EXPECT_EQ(found.precision(), "single");
   EXPECT_FALSE(found.answers_floats);
   EXPECT_EQ(sentence(found).rfind("computes in single precision somewhere, though it answers in double", 0), 0u)
@@ -365,7 +365,7 @@ TEST(Fingerprint, KnowsAFloatInTheMiddle) {
 }
 
 TEST(Fingerprint, TakesOneThatPredictsFirstAndShowsNoGain) {
-  const Fingerprint found = foreign<PredictUpdate>();
+  const Fingerprint found = fingerprint_of<PredictUpdate>();
   EXPECT_EQ(found.precision(), "double");
   EXPECT_EQ(names(found.alike()), std::set<std::string>{"joseph"}) << sentence(found);
   EXPECT_NE(sentence(found).find("P stays symmetric"), std::string::npos) << sentence(found);
@@ -374,7 +374,7 @@ TEST(Fingerprint, TakesOneThatPredictsFirstAndShowsNoGain) {
 }
 
 TEST(Fingerprint, KnowsARootFromOneThatIsNone) {
-  const Fingerprint root = foreign<Root>(false), again = foreign<Root>(true);
+  const Fingerprint root = fingerprint_of<Root>(false), again = fingerprint_of<Root>(true);
   EXPECT_EQ(kind_of(*root.neighbours.front().filter), Kind::root) << sentence(root);
   EXPECT_TRUE(names(root.alike()).contains("ud")) << sentence(root);  // as Thornton's update, by Gram and Schmidt
   EXPECT_TRUE(again.alike().empty()) << sentence(again);
@@ -385,7 +385,7 @@ TEST(Fingerprint, KnowsARootFromOneThatIsNone) {
 }
 
 TEST(Fingerprint, AWrongFilterHasNone) {
-  const Fingerprint found = foreign<Noiseless>();
+  const Fingerprint found = fingerprint_of<Noiseless>();
   EXPECT_EQ(found.precision(), "wrong");
   EXPECT_TRUE(found.neighbours.empty());
   EXPECT_EQ(sentence(found).rfind("is wrong on ordinary systems", 0), 0u) << sentence(found);
@@ -426,7 +426,7 @@ TEST(Fingerprint, WhoDiesOnALadderBreaksDownThere) {
   // In the first of four steps det Re = 8 d^2 nearly, theory (6.3). In the last, P = (I + 3 C'C/d^2)^{-1}: of the directions of C,
   // with singular values whose squares are 6 and d^2/3, d^2/3 and d^2/6 are left, so det Re = (4/3)(7/6) d^4 = 14/9 d^4.
   const double least = 1e-7;
-  const Fingerprint found = foreign<Mortal>(least);
+  const Fingerprint found = fingerprint_of<Mortal>(least);
   const double d = 1 / *found.climb("accurate").broken;
   EXPECT_LT(14. / 9 * std::pow(d, 4), least);
   EXPECT_GT(14. / 9 * std::pow(4 * d, 4), least);  // d is four times that on the rung below

@@ -1,7 +1,7 @@
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/fit.hpp>
 
 #include <cmath>
-#include <limits>
 
 #include <boost/random/mersenne_twister.hpp>
 #include <boost/random/normal_distribution.hpp>
@@ -10,9 +10,6 @@
 using namespace kfstab::experiments;
 
 namespace {
-
-constexpr double NaN = std::numeric_limits<double>::quiet_NaN();
-constexpr double inf = std::numeric_limits<double>::infinity();
 
 /// y[k] = scale factor^k.
 std::vector<double> powers(double scale, double factor, int length) {
@@ -42,7 +39,7 @@ TEST(FitLine, ConfidenceIntervalByHand) {
   const Line line = fit_line({0, 1, 2}, {1, 0, 3});
   EXPECT_NEAR(line.half_width, std::tan(.95 * std::acos(-1.) / 2) * std::sqrt(8. / 3 / 2), 1e-9);
   EXPECT_EQ(fit_line({0, 1, 2}, {1, 2, 3}).half_width, 0) << "exactly a line";
-  EXPECT_EQ(fit_line({0, 1}, {1, 2}).half_width, inf) << "any two points are";
+  EXPECT_EQ(fit_line({0, 1}, {1, 2}).half_width, infinity) << "any two points are";
 }
 
 TEST(FitLine, ConfidenceIntervalHoldsTheSlopeNineteenTimesOutOfTwenty) {
@@ -68,7 +65,7 @@ TEST(Quantile, IsLinearBetweenNeighbours) {
   EXPECT_EQ(quantile({4, 1, 3, 2}, 1), 4);
   EXPECT_EQ(quantile({1, 2, 3, 4, 5}, .25), 2);
   EXPECT_EQ(quantile({10, 20}, .75), 17.5);
-  EXPECT_EQ(quantile({1, 2, inf, inf}, .25), 1.75);
+  EXPECT_EQ(quantile({1, 2, infinity, infinity}, .25), 1.75);
   EXPECT_EQ(quantile({7}, .3), 7);
   EXPECT_TRUE(std::isnan(quantile({NaN}, .5)));
 }
@@ -110,7 +107,7 @@ TEST(FitPower, TakesNothingFromOutsideTheWindow) {
 }
 
 TEST(FitPower, IgnoresWhatIsNoNumber) {
-  const Line line = fit_power({1, 10, 100, 1e3, 1e4}, {1, NaN, 100, inf, 1e4}, .1, 1e300);
+  const Line line = fit_power({1, 10, 100, 1e3, 1e4}, {1, NaN, 100, infinity, 1e4}, .1, 1e300);
   EXPECT_EQ(line.points, 3);
   EXPECT_NEAR(line.slope, 1, 1e-12);
 }
@@ -124,13 +121,13 @@ TEST(Median, OddEvenAndOrder) {
 }
 
 TEST(Median, InfinitiesCount) {
-  EXPECT_EQ(median({1, inf, inf}), inf);
-  EXPECT_EQ(median({1, 2, inf}), 2);
-  EXPECT_EQ(median({1, 2, 3, inf}), 2.5);
-  EXPECT_EQ(median({1, inf}), inf);
-  EXPECT_EQ(median({-inf, 1}), -inf);
-  EXPECT_EQ(median({1, 2, inf, inf}), inf);
-  EXPECT_EQ(median({inf, inf}), inf);
+  EXPECT_EQ(median({1, infinity, infinity}), infinity);
+  EXPECT_EQ(median({1, 2, infinity}), 2);
+  EXPECT_EQ(median({1, 2, 3, infinity}), 2.5);
+  EXPECT_EQ(median({1, infinity}), infinity);
+  EXPECT_EQ(median({-infinity, 1}), -infinity);
+  EXPECT_EQ(median({1, 2, infinity, infinity}), infinity);
+  EXPECT_EQ(median({infinity, infinity}), infinity);
 }
 
 TEST(Median, NanDoesNotCountAndNothingIsNan) {
@@ -170,7 +167,7 @@ TEST(FitGrowth, ATransientInTheFirstQuarterDoesNotColourIt) {
 }
 
 TEST(FitGrowth, NanAndInfinityEndTheWindow) {
-  for (const double end : {NaN, inf}) {
+  for (const double end : {NaN, infinity}) {
     std::vector<double> y = powers(1e-12, 1.2, 60);
     y[40] = end;
     const Growth growth = fit_growth(y, 1e-13, 1);

@@ -168,8 +168,8 @@ const std::string sick = KFSTAB_FOREIGN_FILTER;
 TEST_F(ForeignCommands, RunTakesPrograms) {
   ASSERT_EQ(kfstab("run constant-velocity --steps 20 --filters '^ckf$' --exec " KFSTAB_STARTER " --json -"), 0)
       << err();
-  const auto json = nlohmann::json::parse(out());
-  const auto& filters = json["systems"][0]["filters"];
+  const auto parsed = nlohmann::json::parse(out());
+  const auto& filters = parsed["systems"][0]["filters"];
   ASSERT_EQ(filters.size(), 2u);
   EXPECT_EQ(filters[1]["id"], "textbook-C");
   EXPECT_EQ(filters[1]["failure"], nullptr);
@@ -179,8 +179,8 @@ TEST_F(ForeignCommands, AProgramThatDiesIsFourAndTheRestIsThere) {
   ASSERT_EQ(kfstab("run constant-velocity --steps 20 --filters '^ckf$' --exec '" + sick + " crash' --json results"), 4)
       << err();
   EXPECT_NE(err().find("of signal 11 (Segmentation fault) at step 1"), std::string::npos) << err();
-  const auto json = nlohmann::json::parse(read(folder / "results"));
-  const auto& filters = json["systems"][0]["filters"];
+  const auto parsed = nlohmann::json::parse(read(folder / "results"));
+  const auto& filters = parsed["systems"][0]["filters"];
   EXPECT_EQ(filters[0]["failure"], nullptr);
   EXPECT_EQ(filters[1]["failure"]["status"], "no_answer");
   EXPECT_EQ(filters[1]["failure"]["step"], 1);

@@ -1,7 +1,7 @@
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/ladder.hpp>
 
 #include <cmath>
-#include <limits>
 
 #include <gtest/gtest.h>
 
@@ -39,7 +39,6 @@ TEST(Ladder, PowerIsTheSlopeOfTheMedians) {
 
 TEST(Ladder, AMinorityOfBreakdownsDoesNotMoveTheMedianAMajorityEndsIt) {
   Ladder ladder;
-  const double infinity = std::numeric_limits<double>::infinity();
   for (const double value : {1., 2., infinity}) ladder.add(0, 1, value);
   for (const double value : {1., infinity, infinity}) ladder.add(1, 1, value);
   EXPECT_EQ(ladder.medians(), (std::vector<double>{2, infinity}));

@@ -1,7 +1,7 @@
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/models.hpp>
 
 #include <cmath>
-#include <limits>
 #include <set>
 #include <stdexcept>
 
@@ -15,8 +15,6 @@ using namespace kfstab;
 using namespace kfstab::experiments;
 
 namespace {
-
-constexpr double u = std::numeric_limits<double>::epsilon() / 2;
 
 Matrix<double> plain_product(const Matrix<double>& X, const Matrix<double>& Y) { return X.lazyProduct(Y); }
 

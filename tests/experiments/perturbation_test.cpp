@@ -1,3 +1,4 @@
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/perturbation.hpp>
 
 #include <cmath>
@@ -24,7 +25,6 @@ properties::System drawn(std::uint64_t seed, std::int64_t steps) {
 }
 
 const Matrix<double> dP{{1e-3, 2e-4, 0.}, {2e-4, -1e-3, 5e-4}, {0., 5e-4, 3e-4}};
-constexpr double u = 0x1p-53;
 
 }  // namespace
 
@@ -48,7 +48,7 @@ TEST(Perturbation, CovarianceOfWhateverIsHeld) {
 TEST(Perturbation, NoDisturbanceNoDifference) {
   const auto system = drawn(2, 5);
   for (const Metadata* metadata : forgetful_filters())
-    for (const auto& difference : differences(*metadata, system, {}, {}, {})) {
+    for (const auto& difference : deviations(*metadata, system, {}, {}, {})) {
       EXPECT_EQ(difference.P.norm(), 0) << metadata->id;
       EXPECT_EQ(difference.gain.norm(), 0) << metadata->id;
       EXPECT_EQ(difference.x.size(), 0) << "no data";
@@ -62,7 +62,7 @@ TEST(Perturbation, DifferencesGoByTheTransitions) {
   ASSERT_EQ(Phi.predicted.size(), 6u);
   ASSERT_EQ(Phi.filtered.size(), 6u);
   for (const Metadata* metadata : forgetful_filters()) {
-    const auto measured = differences(*metadata, system, dP, {}, {});
+    const auto measured = deviations(*metadata, system, dP, {}, {});
     ASSERT_EQ(measured.size(), 6u) << metadata->id;
     for (std::size_t k = 0; k < 6; ++k) {
       const auto& T = Phi.of(metadata->instant)[k];
@@ -81,7 +81,7 @@ TEST(Perturbation, AnEstimateGoesByTheTransitionsToo) {
   const Vector<double> dx{{1., -2., .5}};
   const auto Phi = transitions(system);
   for (const Metadata* metadata : forgetful_filters()) {
-    const auto measured = differences(*metadata, system, {}, dx, y);
+    const auto measured = deviations(*metadata, system, {}, dx, y);
     ASSERT_EQ(measured.size(), 4u);
     for (std::size_t k = 0; k < 4; ++k) {
       const Vector<double> predicted = Phi.of(metadata->instant)[k] * dx;
@@ -100,7 +100,7 @@ TEST(Perturbation, ALargeErrorGoesByTheExactFormula) {
   const auto problem = problem_of(system, Parametrisation::covariance);
   reference::Trajectory truth(problem, nullptr);
   Matrix<double> W = Matrix<double>::Zero(3, 3), before = I;
-  const auto measured = differences(*find_filter("ckf"), system, large, {}, {});
+  const auto measured = deviations(*find_filter("ckf"), system, large, {}, {});
   ASSERT_EQ(measured.size(), 4u);
   for (std::size_t k = 0; k < 4; ++k) {
     truth.advance();

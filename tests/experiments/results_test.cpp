@@ -1,7 +1,7 @@
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/results.hpp>
 
 #include <cmath>
-#include <limits>
 
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
@@ -14,9 +14,6 @@ using namespace kfstab::experiments;
 using nlohmann::json;
 
 namespace {
-
-constexpr double NaN = std::numeric_limits<double>::quiet_NaN();
-constexpr double inf = std::numeric_limits<double>::infinity();
 
 void expect_context(const json& context) {
   for (const auto& [name, value] : kfstab::experiments::context()) {
@@ -36,12 +33,12 @@ ClaimResult odd_claim() {
   result.claim.title = "A title with \"quotes\", a \\ and \xc3\xa9";
   result.settings = Settings({{"r", 1.25}});
   result.findings.checks = {
-      {"a", inf, NaN, "nothing", false}, {"b", 2, -inf, "no more", false}, {"c", .1, .3, "all", true}};
+      {"a", infinity, NaN, "nothing", false}, {"b", 2, -infinity, "no more", false}, {"c", .1, .3, "all", true}};
   kfstab::reports::Figure figure;
   figure.id = "odd-figure";
   figure.title = "Odd";
   figure.caption = "Is it odd?";
-  figure.curves = {{"ckf", "ckf", {1, 2, 3}, {NaN, inf, .1}, kfstab::reports::CurveRole::measured_line, 0}};
+  figure.curves = {{"ckf", "ckf", {1, 2, 3}, {NaN, infinity, .1}, kfstab::reports::CurveRole::measured_line, 0}};
   result.findings.figures = {figure};
   result.seconds = .5;
   return result;
@@ -188,7 +185,7 @@ TEST(RunJson, SaysWhyTheReferenceStoppedAndWhereCurvesAreNotFinite) {
   odd.reference_error = "step 2: \"no\" answer";
   FilterRun filter;
   filter.metadata = select_filters("^ckf$").front();
-  filter.covariance_error.add(0, inf);
+  filter.covariance_error.add(0, infinity);
   filter.covariance_error.add(1, NaN);
   filter.first_indefinite = 1;
   odd.filters = {filter};

@@ -33,7 +33,7 @@ steps = 60
 
 /// Two nearly equal measurements, d apart, come at step 2: with d = 2^-24 unsymmetrised filters are indefinite from
 /// then on, with d = 2^-28 what holds P finds Re singular.
-const std::string late = R"(
+const std::string late_system = R"(
 name = "late"
 A = { identity = 3 }
 B = [[], [], []]
@@ -223,7 +223,7 @@ TEST(Run, RefusedByAllIsStillARun) {
 }
 
 TEST(Run, AFailureIsRecordedAndNotSteppedOn) {
-  const SystemRun result = run_text(late, "", "2^-28");
+  const SystemRun result = run_text(late_system, "", "2^-28");
   EXPECT_EQ(result.steps_done, 5);
   for (const FilterRun& f : result.filters) {
     SCOPED_TRACE(f.metadata->id);
@@ -263,7 +263,7 @@ TEST(Run, AFailureAtTheFirstStepLeavesNothing) {
 }
 
 TEST(Run, TheFirstIndefiniteStepIsRecorded) {
-  const SystemRun result = run_text(late, "");
+  const SystemRun result = run_text(late_system, "");
   for (const char* id : {"ckf-gain", "ckf-textbook"}) {
     const FilterRun& f = find(result, id);
     ASSERT_TRUE(f.first_indefinite) << id;

@@ -1,8 +1,8 @@
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/series.hpp>
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include <malloc.h>
 
@@ -11,9 +11,6 @@
 using kfstab::experiments::Series;
 
 namespace {
-
-constexpr double NaN = std::numeric_limits<double>::quiet_NaN();
-constexpr double inf = std::numeric_limits<double>::infinity();
 
 /// Distinct values without order: the golden ratio's multiples, modulo 1.
 double scattered(std::int64_t k) { return std::fmod(static_cast<double>(k) * .6180339887498949, 1.); }
@@ -157,14 +154,14 @@ TEST(Series, NanCountsInNoExtreme) {
 TEST(Series, AmongManyPointsNanHidesNoValueAndInfinitiesAreExtremes) {
   Series series;
   for (std::int64_t k = 0; k < 100'000; ++k)
-    series.add(k, k == 40'000 ? 3 : k == 41'000 ? inf : k == 42'000 ? -inf : k % 2 == 0 ? NaN : 1);
+    series.add(k, k == 40'000 ? 3 : k == 41'000 ? infinity : k == 42'000 ? -infinity : k % 2 == 0 ? NaN : 1);
   const auto points = series.points();
   expect_rising_steps(points);
   EXPECT_TRUE(holds_point(points, 40'000, 3));
-  EXPECT_TRUE(holds_point(points, 41'000, inf));
-  EXPECT_TRUE(holds_point(points, 42'000, -inf));
-  EXPECT_EQ(series.largest(), inf);
-  EXPECT_EQ(series.smallest(), -inf);
+  EXPECT_TRUE(holds_point(points, 41'000, infinity));
+  EXPECT_TRUE(holds_point(points, 42'000, -infinity));
+  EXPECT_EQ(series.largest(), infinity);
+  EXPECT_EQ(series.smallest(), -infinity);
 }
 
 TEST(Series, ALongStretchOfNanStaysAGap) {

@@ -32,18 +32,18 @@ class CacheOfSteps : public ScratchFolder {
 
 const std::vector<std::string> some = {"{\"k\":0}", "", "end of 2 lines, no"};
 
-TEST(Fingerprint, IsSha1OfTextsAndTheirLengths) {
-  Fingerprint fingerprint;
-  fingerprint.add("abc");
-  EXPECT_EQ(fingerprint.hex(), "7ac1b65bee717261fd2b947f0cc5ef99c55f3c18");  // printf 3:abc | sha1sum
+TEST(Checksum, IsSha1OfTextsAndTheirLengths) {
+  Checksum checksum;
+  checksum.add("abc");
+  EXPECT_EQ(checksum.hex(), "7ac1b65bee717261fd2b947f0cc5ef99c55f3c18");  // printf 3:abc | sha1sum
   const auto of = [](const std::vector<std::string>& texts) {
-    Fingerprint f;
+    Checksum f;
     for (const auto& text : texts) f.add(text);
     return f.hex();
   };
   EXPECT_NE(of({"ab", "c"}), of({"a", "bc"}));
   EXPECT_NE(of({"1:a"}), of({"", "a"}));
-  EXPECT_EQ(of({}), Fingerprint().hex());
+  EXPECT_EQ(of({}), Checksum().hex());
 }
 
 TEST_F(CacheOfSteps, GivesBackWhatWasCommitted) {

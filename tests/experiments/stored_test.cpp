@@ -1,7 +1,7 @@
+#include <kfstab/experiments/constants.hpp>
 #include <kfstab/experiments/stored.hpp>
 
 #include <cmath>
-#include <limits>
 
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
@@ -18,13 +18,11 @@ using kfstab::properties::InputError;
 
 namespace {
 
-constexpr double NaN = std::numeric_limits<double>::quiet_NaN(), inf = std::numeric_limits<double>::infinity();
-
 std::string page_of(const kfstab::reports::Document& document) {
   return kfstab::reports::render_html(document, nullptr);
 }
 
-SystemRun run_of(const std::string& system, std::int64_t steps, const std::string& filters,
+SystemRun run_to_store(const std::string& system, std::int64_t steps, const std::string& filters,
                  const std::map<std::string, std::string>& set = {}) {
   return run(find_system(system, {set, steps, {}}), select_filters(filters), {});
 }
@@ -41,17 +39,17 @@ ClaimResult full_claim() {
                   .setup = "A setup",
                   .prediction = "A prediction",
                   .meaning = "A meaning",
-                  .parameters = {{"r", .25, "a radius", 0, inf}},
+                  .parameters = {{"r", .25, "a radius", 0, infinity}},
                   .measure = {},
                   .mathematics = "D+ = A D A'\nF = A - K C"};
   result.settings = Settings({{"r", .125}});
-  result.findings.checks = {{"a", inf, NaN, "nothing", false}, {"b", .1, .3, "all", true}};
+  result.findings.checks = {{"a", infinity, NaN, "nothing", false}, {"b", .1, .3, "all", true}};
   result.seconds = 1.5;
   Figure curves{.id = "curves", .title = "Curves", .caption = "Which?", .x = {"k"}, .y = {"error", true}, .curves = {}};
   for (const CurveRole role : {CurveRole::measured_points, CurveRole::quartile, CurveRole::theory, CurveRole::envelope})
-    curves.curves.push_back({std::string(name(role)), "label", {1, 2, 3}, {NaN, inf, .1}, role, 3});
+    curves.curves.push_back({std::string(name(role)), "label", {1, 2, 3}, {NaN, infinity, .1}, role, 3});
   Figure map{.id = "map", .title = "Map", .caption = "Where?", .x = {"r", true}, .y = {"q"}, .curves = {}};
-  map.maps = {{1, 10},      {1, 2}, {"lost"}, {{"ckf", "the ckf", {1, NaN, -inf, 4}, {true, false, false, true}}},
+  map.maps = {{1, 10},      {1, 2}, {"lost"}, {{"ckf", "the ckf", {1, NaN, -infinity, 4}, {true, false, false, true}}},
               "indefinite", true,   true};
   result.findings.figures = {curves, map};
   return result;
@@ -72,9 +70,9 @@ std::string complaint(const std::string& text) {
 TEST(Stored, ARunReadBackIsTheSamePageAndTheSameFile) {
   const Context made{{"kfstab", "0.1.0"}, {"date", "2026-01-01T00:00:00Z"}};
   // Refused, broken down at once, with data and without.
-  const std::vector<SystemRun> runs{run_of("unexcited-mode", 6, "^(ckf|srcf|srif)$"),
-                                    run_of("local-level", 9, "^(ckf|csrf|srcf)$"),
-                                    run_of("dyer-mcreynolds", 3, "^(ckf|srcf)$", {{"d", "2^-30"}})};
+  const std::vector<SystemRun> runs{run_to_store("unexcited-mode", 6, "^(ckf|srcf|srif)$"),
+                                    run_to_store("local-level", 9, "^(ckf|csrf|srcf)$"),
+                                    run_to_store("dyer-mcreynolds", 3, "^(ckf|srcf)$", {{"d", "2^-30"}})};
   const std::string text = run_json(runs, made);
   const auto stored = std::get<StoredRun>(read_results(text, "file.json"));
   EXPECT_EQ(page_of(run_document(stored.systems, stored.context)), page_of(run_document(runs, made)));
@@ -94,7 +92,7 @@ TEST(Stored, ClaimsReadBackAreTheSamePageAndTheSameFile) {
 }
 
 TEST(Stored, AFilterThatThisKfstabDoesNotHaveIsShownAllTheSame) {
-  auto file = nlohmann::ordered_json::parse(run_json({run_of("local-level", 3, "^ckf$")}));
+  auto file = nlohmann::ordered_json::parse(run_json({run_to_store("local-level", 3, "^ckf$")}));
   file["systems"][0]["filters"][0]["id"] = "of-yesterday";
   const auto stored = std::get<StoredRun>(read_results(file.dump(), "file.json"));
   EXPECT_EQ(run_table(stored.systems[0]).rows[0][0], "of-yesterday");

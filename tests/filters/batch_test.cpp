@@ -8,11 +8,10 @@
 
 #include "filters/random_problem.hpp"
 #include "filters/with_kernels.hpp"
+#include "tolerance.hpp"
 
 namespace kfstab::test {
 namespace {
-
-constexpr double threshold = 30;
 
 struct Given {
   RootModel<double> model;

@@ -8,11 +8,9 @@
 
 #include "filters/plain_recursion.hpp"
 #include "filters/random_problem.hpp"
+#include "tolerance.hpp"
 
 namespace kfstab::test {
-
-/// LAPACK's threshold for error / (u (n+m+p) kappa scale).
-inline constexpr double threshold = 30;
 
 inline const Case cases[] = {
     {.d = {4, 2, 2}, .period = 3, .inputs = 1},
@@ -52,11 +50,11 @@ void every_filter_follows_the_plain_recursion(std::uint64_t seeds) {
         filter->start(rounded);
         Dice dice(1000 + seed);
         for (int k = 0; k < 5; ++k) {
-          const Vector<double> y = dice.vector(c.d.p, 48), u = dice.vector(c.inputs, 16);
-          const Vector<Scalar> y_rounded = cast<Scalar>(y), u_rounded = cast<Scalar>(u);
-          recursion.step(k, c.data ? &y : nullptr, c.data && c.inputs ? &u : nullptr);
+          const Vector<double> y = dice.vector(c.d.p, 48), input = dice.vector(c.inputs, 16);
+          const Vector<Scalar> y_rounded = cast<Scalar>(y), input_rounded = cast<Scalar>(input);
+          recursion.step(k, c.data ? &y : nullptr, c.data && c.inputs ? &input : nullptr);
           const Step<Scalar> step =
-              filter->step(k, c.data ? &y_rounded : nullptr, c.data && c.inputs ? &u_rounded : nullptr);
+              filter->step(k, c.data ? &y_rounded : nullptr, c.data && c.inputs ? &input_rounded : nullptr);
           ASSERT_EQ(step.report.status, Status::ok) << name(step.report.status) << " in step " << k;
           ASSERT_TRUE(step.held && step.gain);
           ASSERT_EQ(step.state != nullptr, c.data);

@@ -9,7 +9,7 @@
 #include "filters/beside_reference.hpp"
 #include "filters/high_precision.hpp"
 
-namespace kfstab::test {
+namespace kfstab::test::chandrasekhar {
 namespace {
 
 using Filter = ChandrasekharFilter<double>;
@@ -275,4 +275,4 @@ TEST(Chandrasekhar, RefusesAModelThatChangesAndGoesOnWithTheOldOne) {
   }
 }
 
-}  // namespace kfstab::test
+}  // namespace kfstab::test::chandrasekhar

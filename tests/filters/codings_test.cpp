@@ -8,7 +8,7 @@
 
 #include "filters/random_problem.hpp"
 
-namespace kfstab::test {
+namespace kfstab::test::codings {
 namespace {
 
 using Real = HighPrecision;
@@ -158,4 +158,4 @@ TEST(Codings, UseReAsComputed) {
   }
 }
 
-}  // namespace kfstab::test
+}  // namespace kfstab::test::codings

@@ -12,13 +12,12 @@
 
 #include "filters/guarded.hpp"
 #include "filters/random_problem.hpp"
+#include "tolerance.hpp"
 
 namespace kfstab::test {
 namespace {
 
 using Wide = Matrix<long double>;  // where residuals are formed
-
-constexpr double threshold = 30;
 
 template <class XType>
 Wide widened(const XType& X) {

@@ -13,11 +13,11 @@
 
 #include "filters/random_problem.hpp"
 #include "filters/with_kernels.hpp"
+#include "tolerance.hpp"
 
-namespace kfstab::test {
+namespace kfstab::test::covariance_kernel {
 namespace {
 
-constexpr double threshold = 30;
 using Wide = Matrix<long double>;
 
 template <class Filter>
@@ -203,4 +203,4 @@ TEST(CovarianceKernels, LeaveStatusesAsTheyAre) {
 }
 
 }  // namespace
-}  // namespace kfstab::test
+}  // namespace kfstab::test::covariance_kernel

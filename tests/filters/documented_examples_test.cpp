@@ -14,14 +14,14 @@
 
 #include "filters/plain_recursion.hpp"
 #include "filters/random_problem.hpp"
+#include "tolerance.hpp"
 
-namespace kfstab::test {
+namespace kfstab::test::documented_examples {
 namespace {
 
 using Json = nlohmann::json;
 
 constexpr double half_unit = .5e-4;
-constexpr double threshold = 30;
 
 Json read(const std::string& file) {
   std::ifstream stream(KFSTAB_SOURCE_DIR "/tests/oracle/" + file);
@@ -327,4 +327,4 @@ TEST(DocumentedExamples, FB01VDInnovationFactor) {
   expect_printed(Re, matrix(example["expected"]["Re_root"]), 1.001 * half_unit, "V");
 }
 
-}  // namespace kfstab::test
+}  // namespace kfstab::test::documented_examples

@@ -15,12 +15,10 @@
 
 #include "filters/plain_recursion.hpp"
 #include "filters/random_problem.hpp"
+#include "tolerance.hpp"
 
-namespace kfstab::test {
+namespace kfstab::test::hessenberg {
 namespace {
-
-constexpr double threshold = 30;
-constexpr double u = 0x1p-53;
 
 using Root = RootModel<double>;
 using Information = InformationModel<double>;
@@ -453,4 +451,4 @@ TEST(HessenbergFilters, OfFixedSizeDoAsDynamicOnes) {
   expect_followed<double>(informed, information_factor, filter_gain, &information_state);
 }
 
-}  // namespace kfstab::test
+}  // namespace kfstab::test::hessenberg

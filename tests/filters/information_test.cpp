@@ -8,12 +8,10 @@
 
 #include "filters/plain_recursion.hpp"
 #include "filters/random_problem.hpp"
+#include "tolerance.hpp"
 
-namespace kfstab::test {
+namespace kfstab::test::information {
 namespace {
-
-constexpr double threshold = 30;
-constexpr double u = 0x1p-53;
 
 using Model = InformationModel<double>;
 
@@ -165,4 +163,4 @@ TEST(InformationFilter, SingularInformationIsToldByRcond) {
   EXPECT_EQ(strict.measurement_update(problem.model(0)).status, Status::singular_information);
 }
 
-}  // namespace kfstab::test
+}  // namespace kfstab::test::information

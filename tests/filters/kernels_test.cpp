@@ -16,25 +16,25 @@
 #include "filters/fixed_kernels.hpp"
 #include "filters/random_problem.hpp"
 #include "filters/with_kernels.hpp"
+#include "tolerance.hpp"
 
 namespace kfstab::test {
 namespace {
 
 using Wide = Matrix<long double>;  // truth beside double: 11 bits more, and a range that no square leaves
 using Srcf = SquareRootCovarianceFilter<double>;
-constexpr double threshold = 30;
 
 const double infinity = std::numeric_limits<double>::infinity(), nan = std::nan("");
 
 /// What there is to know of a step.
-struct Result {
+struct KernelResult {
   StepReport<double> report;
   Matrix<double> factor, gain, innovation_root;
 };
 
 /// One step from S0.
 template <class Filter>
-Result one_step(const RootModel<double>& model, const Matrix<double>& S0, Wanted wanted = Wanted::all) {
+KernelResult one_step(const RootModel<double>& model, const Matrix<double>& S0, Wanted wanted = Wanted::all) {
   Filter filter(model.dimensions());
   filter.start(S0, Vector<double>::Zero(S0.rows()).eval());
   typename Filter::Model as_filter;
@@ -44,7 +44,7 @@ Result one_step(const RootModel<double>& model, const Matrix<double>& S0, Wanted
   as_filter.D = model.D;
   as_filter.Q_root = model.Q_root;
   as_filter.R_root = model.R_root;
-  Result is;
+  KernelResult is;
   is.report = filter.step(as_filter, nullptr, nullptr, wanted);
   is.factor = filter.factor();
   is.gain = filter.predictor_gain();
@@ -81,7 +81,7 @@ long double row_product(const Wide& X, Index i, Index j) {
 
 /// What the rows of the array are to each other after the step against what they were before: largest error of an inner
 /// product over u (n + m + p) |row i| |row j|, the norms those of sums of absolute values, as the array itself is computed.
-double backward_error(const RootModel<double>& model, const Matrix<double>& S0, const Result& is) {
+double backward_error(const RootModel<double>& model, const Matrix<double>& S0, const KernelResult& is) {
   const auto [n, m, p] = model.dimensions();
   const Wide S = lower(S0), Q = lower(model.Q_root), R = lower(model.R_root);
   const auto array = [&](auto f) {
@@ -140,7 +140,7 @@ TEST(Kernels, AreBackwardStableAsThePlainTextIs) {
         Dice dice(seed);
         const RootModel<double> model = random_model(dice, d);
         const Matrix<double> S0 = dice.lower_root(d.n);
-        const Result is = one_step<Srcf>(model, S0);
+        const KernelResult is = one_step<Srcf>(model, S0);
         ASSERT_EQ(is.report.status, Status::ok) << isa << ' ' << text(d);
         of_this = std::max(of_this, backward_error(model, S0, is));
         for (Index j = 0; j < d.n; ++j)
@@ -161,7 +161,7 @@ void fixed_is_dynamic() {
     Dice dice(seed);
     const RootModel<double> model = random_model(dice, {N, M, P});
     const Matrix<double> S0 = dice.lower_root(N);
-    const Result is = one_step<SquareRootCovarianceFilter<double, N, M, P>>(model, S0);
+    const KernelResult is = one_step<SquareRootCovarianceFilter<double, N, M, P>>(model, S0);
     ASSERT_EQ(is.report.status, Status::ok);
     EXPECT_LE(backward_error(model, S0, is), threshold) << text({N, M, P});
   }
@@ -259,9 +259,9 @@ TEST(Kernels, AreGuardedAgainstOverAndUnderflow) {
         for (const std::string& isa : all_kernels()) {
           SCOPED_TRACE(isa + ' ' + text(d) + " scale " + std::to_string(std::log10(scale)));
           const WithKernels with(isa);
-          const Result is = one_step<Srcf>(model, S0);
+          const KernelResult is = one_step<Srcf>(model, S0);
           const WithKernels without("plain");
-          const Result plain = one_step<Srcf>(model, S0);
+          const KernelResult plain = one_step<Srcf>(model, S0);
           ASSERT_EQ(is.report.status, plain.report.status);
           if (!plain.report) continue;
           EXPECT_LE(backward_error(model, S0, is), threshold);
@@ -308,7 +308,7 @@ TEST(Kernels, LeaveStatusesAsTheyAre) {
       model = sound;
       model.A.setZero();
       model.B.setZero();
-      const Result none = one_step<Srcf>(model, S0);
+      const KernelResult none = one_step<Srcf>(model, S0);
       EXPECT_EQ(none.report.status, Status::ok);
       EXPECT_TRUE(none.factor.isZero(0));
       EXPECT_TRUE(none.gain.isZero(0));
@@ -323,7 +323,7 @@ TEST(Kernels, ComputeWhatIsWanted) {
       Dice dice(5);
       RootModel<double> model = random_model(dice, d);
       const Matrix<double> S0 = dice.lower_root(d.n);
-      const Result all = one_step<Srcf>(model, S0), gain = one_step<Srcf>(model, S0, Wanted::gain),
+      const KernelResult all = one_step<Srcf>(model, S0), gain = one_step<Srcf>(model, S0, Wanted::gain),
                    factor = one_step<Srcf>(model, S0, Wanted::factor);
       EXPECT_EQ(all.factor, gain.factor);
       EXPECT_EQ(all.factor, factor.factor);

@@ -9,14 +9,12 @@
 
 #include "filters/guarded.hpp"
 #include "filters/random_problem.hpp"
+#include "tolerance.hpp"
 
-namespace kfstab::test {
+namespace kfstab::test::linear_solve {
 namespace {
 
 using Wide = Matrix<long double>;
-
-constexpr double threshold = 30;
-constexpr double u = 0x1p-53;
 
 Wide widened(const Matrix<double>& X) {
   Wide Y(X.rows(), X.cols());
@@ -379,4 +377,4 @@ TEST(DefaultTolerance, IsTheSquareOfTheOrderTimesU) {
   EXPECT_EQ(default_tolerance<double>(0), 0);
 }
 
-}  // namespace kfstab::test
+}  // namespace kfstab::test::linear_solve

@@ -100,13 +100,13 @@ TEST(Registry, AFilterMayBeStartedAgain) {
     const auto problem = random_problem(metadata.takes, {.d = {3, 1, 2}, .inputs = 1}, 6);
     Dice dice(1);
     const Vector<double> y_other = dice.vector(3, 16), u_other = dice.vector(2, 16), y = dice.vector(2, 16),
-                         u = dice.vector(1, 16);
+                         input = dice.vector(1, 16);
     used->start(other);
     for (int k = 0; k < 3; ++k) ASSERT_TRUE(used->step(k, &y_other, &u_other).report);
     used->start(problem);
     fresh->start(problem);
     for (int k = 0; k < 3; ++k) {
-      const auto again = used->step(k, &y, &u), first = fresh->step(k, &y, &u);
+      const auto again = used->step(k, &y, &input), first = fresh->step(k, &y, &input);
       ASSERT_TRUE(again.report && first.report);
       ASSERT_EQ(again.held != nullptr, metadata.holds != Held::gain) << metadata.id;
       if (again.held) {

@@ -18,12 +18,10 @@
 #include "filters/plain_recursion.hpp"
 #include "filters/random_problem.hpp"
 #include "filters/split_filter.hpp"
+#include "tolerance.hpp"
 
-namespace kfstab::test {
+namespace kfstab::test::scalar_updates {
 namespace {
-
-constexpr double threshold = 30;
-constexpr double u = 0x1p-53;
 
 constexpr std::array<std::string_view, 3> ids{"ud", "potter", "carlson"};
 
@@ -98,11 +96,6 @@ void expect_updated(const Updated& truth, const High& P, const Vector<S>& k, con
   EXPECT_NEAR(static_cast<double>(alpha), truth.alpha, threshold * unit * loss * loss);
 }
 
-template <class S>
-class ScalarUpdate : public ::testing::Test {};
-using Scalars = ::testing::Types<float, double, long double, HighPrecision>;
-TYPED_TEST_SUITE(ScalarUpdate, Scalars);
-
 /// Of full rank, with columns of zeros, and none.
 Matrix<double> root(Dice& dice, Index n, int kind) {
   Matrix<double> S = dice.lower_root(n);
@@ -112,6 +105,11 @@ Matrix<double> root(Dice& dice, Index n, int kind) {
 }
 
 }  // namespace
+
+template <class S>
+class ScalarUpdate : public ::testing::Test {};
+using Scalars = ::testing::Types<float, double, long double, HighPrecision>;
+TYPED_TEST_SUITE(ScalarUpdate, Scalars);
 
 TYPED_TEST(ScalarUpdate, OfPotterCarlsonAndBiermanIsTheKalmanUpdate) {
   using S = TypeParam;
@@ -330,4 +328,4 @@ TEST(ScalarUpdates, AnInfiniteVarianceIsAnOverflow) {
   }
 }
 
-}  // namespace kfstab::test
+}  // namespace kfstab::test::scalar_updates

@@ -10,24 +10,24 @@
 
 #include "filters/high_precision.hpp"
 #include "filters/random_problem.hpp"
+#include "tolerance.hpp"
 
 namespace kfstab::test {
 namespace {
 
-constexpr double threshold = 30;
 constexpr int dozen = 12;  // sweeps that no matrix here may exceed
 
 template <class S>
-struct Result {
+struct Decomposed {
   Matrix<S> F;
   Vector<S> sigma;
   bool converged;
 };
 
 template <class S>
-Result<S> decompose(const Matrix<double>& given, int most_sweeps = dozen) {
+Decomposed<S> decompose(const Matrix<double>& given, int most_sweeps = dozen) {
   Matrix<S> X = cast<S>(given);
-  Result<S> result{Matrix<S>(X.cols(), X.cols()), Vector<S>(X.cols()), false};
+  Decomposed<S> result{Matrix<S>(X.cols(), X.cols()), Vector<S>(X.cols()), false};
   Vector<int> pivots(X.cols());
   result.converged = singular_values(X, result.F, result.sigma, pivots, most_sweeps);
   return result;
@@ -66,7 +66,7 @@ double residual(const Matrix<double>& given, const Matrix<S>& F) {
 /// The largest |f_i' f_j| / ((2r + 12) u |f_i| |f_j|) of different columns, in high precision; and that sigma has their
 /// norms, in decreasing order.
 template <class S>
-double angle(Index r, const Result<S>& is) {
+double angle(Index r, const Decomposed<S>& is) {
   const Index c = is.F.cols();
   HighPrecision worst = 0;
   Vector<HighPrecision> norms(c);
@@ -94,7 +94,7 @@ double angle(Index r, const Result<S>& is) {
 template <class S>
 void expect_decomposed(const Matrix<double>& X, const std::string& text) {
   SCOPED_TRACE(text + ", " + std::to_string(X.rows()) + " x " + std::to_string(X.cols()));
-  const Result<S> is = decompose<S>(X);
+  const Decomposed<S> is = decompose<S>(X);
   EXPECT_TRUE(is.converged);
   EXPECT_LE(residual(X, is.F), threshold);
   EXPECT_LE(angle(X.rows(), is), 1.5);
@@ -160,13 +160,13 @@ void graded_columns() {
     }
 }
 
+}  // namespace
+
 template <class S>
 class SingularValues : public ::testing::Test {};
 
 using Scalars = ::testing::Types<float, double, long double, HighPrecision>;
 TYPED_TEST_SUITE(SingularValues, Scalars);
-
-}  // namespace
 
 TYPED_TEST(SingularValues, AreAColumnwiseOrthogonalRoot) {
   for (const auto& [text, X] : matrices()) expect_decomposed<TypeParam>(X, text);

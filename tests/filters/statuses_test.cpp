@@ -15,7 +15,7 @@
 
 #include "filters/random_problem.hpp"
 
-namespace kfstab::test {
+namespace kfstab::test::statuses {
 namespace {
 
 using Covariance = CovarianceModel<double>;
@@ -393,4 +393,4 @@ TEST(Statuses, OverflowOfTheGainAlone) {
   }
 }
 
-}  // namespace kfstab::test
+}  // namespace kfstab::test::statuses

@@ -73,7 +73,7 @@ int posix_memalign(void** out, std::size_t alignment, std::size_t size) {
 }
 #endif
 
-namespace kfstab::test {
+namespace kfstab::test::step_allocation {
 namespace {
 
 template <class Function>
@@ -184,11 +184,11 @@ TEST(Step, OfEveryFilterAllocatesNothing) {
       const auto filter = make_filter<double>(metadata.id);
       filter->start(problem);
       Dice dice(62);
-      const Vector<double> y = dice.vector(d.p, 16), u = dice.vector(1, 16);
+      const Vector<double> y = dice.vector(d.p, 16), input = dice.vector(1, 16);
       Status status = Status::ok;
       const int steps = d.n * d.p < 10000 ? 3 : 1;  // of 200 x 200 arrays one takes long enough
       for (int k = 0; k < steps && status == Status::ok; ++k)
-        EXPECT_EQ(allocations_of([&] { status = filter->step(k, &y, &u).report.status; }), 0)
+        EXPECT_EQ(allocations_of([&] { status = filter->step(k, &y, &input).report.status; }), 0)
             << text(metadata.id, d) << ", step " << k;
       EXPECT_EQ(status, Status::ok) << text(metadata.id, d) << ": " << name(status);
     }
@@ -200,9 +200,9 @@ TEST(Step, ThatFailsAllocatesNothing) {
     const AnyProblem<double> problem = large(metadata.takes, d);
     const auto filter = make_filter<double>(metadata.id);
     filter->start(problem);
-    const Vector<double> y = Vector<double>::Constant(2, std::nan("")), u = Vector<double>::Zero(1);
+    const Vector<double> y = Vector<double>::Constant(2, std::nan("")), input = Vector<double>::Zero(1);
     Status status = Status::ok;
-    EXPECT_EQ(allocations_of([&] { status = filter->step(0, &y, &u).report.status; }), 0) << metadata.id;
+    EXPECT_EQ(allocations_of([&] { status = filter->step(0, &y, &input).report.status; }), 0) << metadata.id;
     EXPECT_EQ(status, Status::non_finite_input) << metadata.id;
   }
 }
@@ -214,15 +214,15 @@ TEST(Step, InHalvesAllocatesNothing) {
       const auto filter = make_split_filter(id);
       filter->start(problem);
       Dice dice(63);
-      const Vector<double> y = dice.vector(d.p, 16), u = dice.vector(1, 16);
+      const Vector<double> y = dice.vector(d.p, 16), input = dice.vector(1, 16);
       Status first = Status::ok, second = Status::ok, both = Status::ok;
       EXPECT_EQ(allocations_of([&] { first = filter->measurement_update(0, &y).status; }), 0) << text(id, d);
-      EXPECT_EQ(allocations_of([&] { second = filter->time_update(0, &u).status; }), 0) << text(id, d);
-      EXPECT_EQ(allocations_of([&] { both = filter->step(0, &y, &u).status; }), 0) << text(id, d);
+      EXPECT_EQ(allocations_of([&] { second = filter->time_update(0, &input).status; }), 0) << text(id, d);
+      EXPECT_EQ(allocations_of([&] { both = filter->step(0, &y, &input).status; }), 0) << text(id, d);
       EXPECT_EQ(first, Status::ok) << text(id, d);
       EXPECT_EQ(second, Status::ok) << text(id, d);
       EXPECT_EQ(both, Status::ok) << text(id, d);
     }
 }
 
-}  // namespace kfstab::test
+}  // namespace kfstab::test::step_allocation

@@ -9,13 +9,12 @@
 
 #include "filters/guarded.hpp"
 #include "filters/random_problem.hpp"
+#include "tolerance.hpp"
 
-namespace kfstab::test {
+namespace kfstab::test::lq_factorisation {
 namespace {
 
 using Wide = Matrix<long double>;  // truth beside double and float: 11 bits more, and a range that no square leaves
-
-constexpr double threshold = 30;
 
 template <class S>
 Wide widened(const Matrix<S>& X) {
@@ -425,4 +424,4 @@ TEST(ApplyReflector, IsOrthogonal) {
   }
 }
 
-}  // namespace kfstab::test
+}  // namespace kfstab::test::lq_factorisation

@@ -10,12 +10,10 @@
 #include "filters/plain_recursion.hpp"
 #include "filters/random_problem.hpp"
 #include "filters/split_filter.hpp"
+#include "tolerance.hpp"
 
-namespace kfstab::test {
+namespace kfstab::test::svd {
 namespace {
-
-constexpr double threshold = 30;
-constexpr double u = 0x1p-53;
 
 void expect_orthogonal_columns(const Matrix<double>& F, const char* when) {
   for (Index j = 0; j < F.cols(); ++j)
@@ -161,4 +159,4 @@ TEST(SvdFilter, LosesTheRootOfWhatCovarianceFiltersLose) {
   }
 }
 
-}  // namespace kfstab::test
+}  // namespace kfstab::test::svd

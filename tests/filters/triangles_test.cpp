@@ -8,7 +8,7 @@
 
 #include "filters/random_problem.hpp"
 
-namespace kfstab::test {
+namespace kfstab::test::triangles {
 namespace {
 
 enum class Side { above, below };
@@ -63,8 +63,8 @@ TEST(Triangles, NaNInThePromisedOnesChangesNoBit) {
       other->start(planted);
       Dice dice(22);
       for (int k = 0; k < 4; ++k) {
-        const Vector<double> y = dice.vector(c.d.p, 32), u = dice.vector(1, 32);
-        const auto a = one->step(k, &y, &u), b = other->step(k, &y, &u);
+        const Vector<double> y = dice.vector(c.d.p, 32), input = dice.vector(1, 32);
+        const auto a = one->step(k, &y, &input), b = other->step(k, &y, &input);
         ASSERT_EQ(a.report.status, Status::ok);
         ASSERT_EQ(b.report.status, Status::ok) << name(b.report.status);
         EXPECT_EQ(a.report.rcond, b.report.rcond);
@@ -99,4 +99,4 @@ TEST(Triangles, OfWhatIsHeldAreWhole) {
   }
 }
 
-}  // namespace kfstab::test
+}  // namespace kfstab::test::triangles

@@ -21,12 +21,10 @@
 #include "filters/plain_recursion.hpp"
 #include "filters/random_problem.hpp"
 #include "filters/split_filter.hpp"
+#include "tolerance.hpp"
 
 namespace kfstab::test {
 namespace {
-
-constexpr double threshold = 30;
-constexpr double u = 0x1p-53;
 
 template <class Filter>
 const auto& held_by(const Filter& filter) {

@@ -12,11 +12,11 @@
 namespace kfstab::properties::testing {
 namespace {
 
-const std::filesystem::path folder = std::filesystem::path(KFSTAB_SOURCE_DIR) / "experiments/systems";
+const std::filesystem::path catalogue_folder = std::filesystem::path(KFSTAB_SOURCE_DIR) / "experiments/systems";
 
 std::vector<std::string> names() {
   std::vector<std::string> all;
-  for (const auto& file : std::filesystem::directory_iterator(folder))
+  for (const auto& file : std::filesystem::directory_iterator(catalogue_folder))
     if (file.path().extension() == ".toml") all.push_back(file.path().stem().string());
   std::ranges::sort(all);
   return all;
@@ -24,7 +24,7 @@ std::vector<std::string> names() {
 
 class Catalogue : public ::testing::TestWithParam<std::string> {
  protected:
-  System system() const { return read_system(folder / (GetParam() + ".toml")); }
+  System system() const { return read_system(catalogue_folder / (GetParam() + ".toml")); }
 };
 
 TEST_P(Catalogue, ReadsAndWrites) {
@@ -78,7 +78,7 @@ TEST(TheCatalogue, HasTheSystemsThatTheDocumentationLists) {
 }
 
 TEST(TheCatalogue, Fb01sdConvertsToItsDocumentedInput) {
-  const System system = read_system(folder / "slicot-fb01sd.toml");
+  const System system = read_system(catalogue_folder / "slicot-fb01sd.toml");
   const auto any = std::get<AnyProblem<double>>(problem(system, Parametrisation::information));
   const auto& model = std::get<Problem<InformationModel<double>>>(any).models[1];
   EXPECT_NEAR(model.A_inverse(0, 0), 0.2113, 1e-14);
@@ -91,7 +91,7 @@ TEST(TheCatalogue, Fb01sdConvertsToItsDocumentedInput) {
 }
 
 TEST(TheCatalogue, Fb01sdFilteredStateIsTheDocumentedOne) {
-  const System system = read_system(folder / "slicot-fb01sd.toml");
+  const System system = read_system(catalogue_folder / "slicot-fb01sd.toml");
   const auto any = std::get<AnyProblem<double>>(problem(system, Parametrisation::information));
   const auto filter = make_filter<double>("srif");
   filter->start(any);

@@ -44,11 +44,11 @@ enum class Form { textbook, joseph };
 
 /// The filter as its users write it, in plain expressions, of which the laws know nothing.
 template <class Scalar>
-class Foreign final : public StepwiseFilter {
+class PlainForeign final : public StepwiseFilter {
  public:
   using M = Matrix<Scalar>;
 
-  Foreign(Form form, bool predicts_first, Spoilt spoilt = {}) : form_(form), spoilt_(std::move(spoilt)) {
+  PlainForeign(Form form, bool predicts_first, Spoilt spoilt = {}) : form_(form), spoilt_(std::move(spoilt)) {
     traits_.name = "foreign";
     traits_.roundoff = unit_roundoff<Scalar>();
     if (!predicts_first) return;
@@ -138,7 +138,7 @@ class Foreign final : public StepwiseFilter {
 };
 
 std::unique_ptr<Subject> foreign(Spoilt spoilt) {
-  return subject(std::make_unique<Foreign<double>>(Form::joseph, false, std::move(spoilt)));
+  return subject(std::make_unique<PlainForeign<double>>(Form::joseph, false, std::move(spoilt)));
 }
 
 // --- what laws say of it ------------------------------------------------------------------------------------------------------
@@ -203,11 +203,11 @@ TEST_P(CorrectForeign, ComparesWell) {
 INSTANTIATE_TEST_SUITE_P(
     Filters, CorrectForeign,
     ::testing::Values(
-        Correct{"textbook", [] { return std::make_unique<Foreign<double>>(Form::textbook, false); }},
-        Correct{"textbook_predicts_first", [] { return std::make_unique<Foreign<double>>(Form::textbook, true); }},
-        Correct{"joseph_predicts_first", [] { return std::make_unique<Foreign<double>>(Form::joseph, true); }},
-        Correct{"joseph_single", [] { return std::make_unique<Foreign<float>>(Form::joseph, false); }},
-        Correct{"textbook_single", [] { return std::make_unique<Foreign<float>>(Form::textbook, true); }}),
+        Correct{"textbook", [] { return std::make_unique<PlainForeign<double>>(Form::textbook, false); }},
+        Correct{"textbook_predicts_first", [] { return std::make_unique<PlainForeign<double>>(Form::textbook, true); }},
+        Correct{"joseph_predicts_first", [] { return std::make_unique<PlainForeign<double>>(Form::joseph, true); }},
+        Correct{"joseph_single", [] { return std::make_unique<PlainForeign<float>>(Form::joseph, false); }},
+        Correct{"textbook_single", [] { return std::make_unique<PlainForeign<float>>(Form::textbook, true); }}),
     [](const auto& parameter) { return std::string(parameter.param.name); });
 
 // --- each law has something that it sees ----------------------------------------------------------------------------------------

@@ -102,11 +102,11 @@ Outcome update(const Model& model, const Matrix<double>& P, const Matrix<double>
 }
 
 /// A filter in plain expressions whose step can be spoilt.
-class Mistaken final : public AnyFilter<double> {
+class MistakenFilter final : public AnyFilter<double> {
  public:
   using Update = std::function<Outcome(const Model&, const Matrix<double>& P)>;
 
-  explicit Mistaken(Update step) : step_(std::move(step)) { metadata_.id = "mistaken"; }
+  explicit MistakenFilter(Update step) : step_(std::move(step)) { metadata_.id = "mistaken"; }
 
   const Metadata& metadata() const override { return metadata_; }
   void start(const AnyProblem<double>& problem) override {
@@ -137,8 +137,8 @@ std::map<std::string, System> broken_by(std::unique_ptr<AnyFilter<double>> filte
   return broken;
 }
 
-std::map<std::string, System> broken_by(Mistaken::Update step) {
-  return broken_by(std::make_unique<Mistaken>(std::move(step)));
+std::map<std::string, System> broken_by(MistakenFilter::Update step) {
+  return broken_by(std::make_unique<MistakenFilter>(std::move(step)));
 }
 
 TEST(Mistakes, NoneIsSeenWhereThereIsNone) {

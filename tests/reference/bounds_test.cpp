@@ -8,11 +8,12 @@
 #include <kfstab/reference/steady_state.hpp>
 
 #include "support.hpp"
+#include "tolerance.hpp"
 
 namespace kfstab::reference::testing {
 namespace {
 
-constexpr double u = 0x1p-53;
+using test::u;
 
 // ---- three filters in double, as short as they come ----
 

@@ -10,17 +10,17 @@ namespace kfstab::reference::testing {
 namespace {
 
 /// Time-varying, with an input and a noise of several dimensions, everything correlated with everything.
-struct Case {
+struct ConditionCase {
   ExactProblem problem;
   std::vector<StepDataOf<Rational>> data;
 };
 
-Case random_case(std::mt19937_64& random, Dimensions d, int steps, std::size_t models) {
+ConditionCase random_case(std::mt19937_64& random, Dimensions d, int steps, std::size_t models) {
   Problem<RootModel<double>> root;
   for (std::size_t k = 0; k < models; ++k) root.models.push_back(random_root_model(random, d));
   root.initial = few_bits_root(random, d.n);
   root.x0 = few_bits(random, d.n, 1);
-  Case result{exact_problem(root), {}};
+  ConditionCase result{exact_problem(root), {}};
   const auto data = exact_data(root, random_data(random, d.p, 1, steps));
   const auto stream = data->open();
   for (int k = 0; k < steps; ++k) result.data.push_back(stream->next());
@@ -32,7 +32,7 @@ TEST(Conditioning, IsWhatTheFilterComputes) {
   std::mt19937_64 random(41);
   for (const Dimensions d : {Dimensions{1, 1, 1}, {2, 1, 2}, {3, 2, 1}, {2, 0, 1}, {2, 2, 0}, {0, 1, 1}}) {
     constexpr int steps = 4;
-    const Case c = random_case(random, d, steps, 2);
+    const ConditionCase c = random_case(random, d, steps, 2);
     ExactFilter filter(c.problem, std::make_shared<ExactListedData>(c.data));
     Rational determinant = 1, weighted = 0;
     for (int k = 0; k < steps; ++k) {
@@ -57,7 +57,7 @@ TEST(Conditioning, IsWhatTheFilterComputes) {
 
 TEST(Conditioning, SmoothsAndRefuses) {
   std::mt19937_64 random(42);
-  const Case c = random_case(random, {2, 1, 1}, 3, 1);
+  const ConditionCase c = random_case(random, {2, 1, 1}, 3, 1);
   // What comes later can only help: cov(x_1 | y_0, y_1) - cov(x_1 | y_0, y_1, y_2) is semidefinite.
   const Conditioned filtered = condition(c.problem, 1, 2), smoothed = condition(c.problem, 1, 3);
   EXPECT_GE(filtered.P(0, 0), smoothed.P(0, 0));

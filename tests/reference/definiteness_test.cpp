@@ -8,11 +8,13 @@
 #include <kfstab/reference/error.hpp>
 
 #include "support.hpp"
+#include "tolerance.hpp"
 
 namespace kfstab::reference::testing {
 namespace {
 
-constexpr double ulp = 0x1p-52;  // of 1
+using test::ulp;
+
 constexpr double denormal = std::numeric_limits<double>::denorm_min();
 
 Matrix<double> transposed_product(const Matrix<double>& L, const Matrix<double>& D) {

@@ -11,11 +11,12 @@
 #include <kfstab/reference/detail/elimination.hpp>
 
 #include "support.hpp"
+#include "tolerance.hpp"
 
 namespace kfstab::reference::testing {
 namespace {
 
-constexpr double u = 0x1p-53;
+using test::u;
 
 TEST(ErrorAnalysis, ProductsFarBeyondTheRangeOfDouble) {
   for (double f : {1e-200, 1e200, 0.5}) {

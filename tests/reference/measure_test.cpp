@@ -7,11 +7,12 @@
 #include <kfstab/reference/trajectory.hpp>
 
 #include "support.hpp"
+#include "tolerance.hpp"
 
 namespace kfstab::reference::testing {
 namespace {
 
-constexpr double ulp = 0x1p-52;
+using test::ulp;
 
 Metadata holding(Held held, Instant instant = Instant::predicted, GainKind gain = GainKind::predictor) {
   Metadata metadata;
@@ -28,7 +29,7 @@ Step<double> step_with(const Matrix<double>* held, const Matrix<double>* gain = 
 }
 
 /// What the reference holds, as one wide matrix.
-Matrix<Wide> sum(const std::vector<Matrix<double>>& expansion) {
+Matrix<Wide> sum_of(const std::vector<Matrix<double>>& expansion) {
   Matrix<Wide> X(expansion[0].rows(), expansion[0].cols());
   for (Index j = 0; j < X.cols(); ++j)
     for (Index i = 0; i < X.rows(); ++i) {
@@ -74,8 +75,8 @@ class Measure : public ::testing::Test {
     problem = root;
     trajectory = std::make_unique<Trajectory>(problem, random_data(random, 2, 1, 3));
     for (int k = 0; k < 3; ++k) trajectory->advance();
-    P = sum(trajectory->expansion(Quantity::P_next, 4));
-    Pf = sum(trajectory->expansion(Quantity::P_filtered, 4));
+    P = sum_of(trajectory->expansion(Quantity::P_next, 4));
+    Pf = sum_of(trajectory->expansion(Quantity::P_filtered, 4));
   }
 
   /// Two formulas of the same thing in 100 and 200 digits, each rounded once

@@ -123,8 +123,8 @@ void every_filter_is_that_of(int bits) {
         const auto stream = data->open();
         for (int k = 0; k < 12; ++k) {
           const StepData& now = stream->next();
-          const Vector<Native> y = to<Native>(now.y), u = to<Native>(now.u);
-          const Step<Native> expected = native->step(k, &y, &u);
+          const Vector<Native> y = to<Native>(now.y), input = to<Native>(now.u);
+          const Step<Native> expected = native->step(k, &y, &input);
           const Step<Rounded> step = filter.step(k, &now.y, &now.u);
           ASSERT_EQ(step.report.status, expected.report.status) << "step " << k;
           if (!expected.report) break;

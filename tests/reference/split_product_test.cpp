@@ -46,8 +46,8 @@ void expect_within_bound(const Matrix<T>& Z, const Matrix<T>& before, Into into,
 
 template <class T>
 class SplitProduct : public ::testing::Test {};
-using Precisions = ::testing::Types<Real<20>, Real<50>, Real<100>, Real<200>>;
-TYPED_TEST_SUITE(SplitProduct, Precisions);
+using SplitPrecisions = ::testing::Types<Real<20>, Real<50>, Real<100>, Real<200>>;
+TYPED_TEST_SUITE(SplitProduct, SplitPrecisions);
 
 TYPED_TEST(SplitProduct, IsRightToItsBound) {
   using T = TypeParam;

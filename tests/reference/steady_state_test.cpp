@@ -12,11 +12,12 @@
 #include <kfstab/reference/trajectory.hpp>
 
 #include "support.hpp"
+#include "tolerance.hpp"
 
 namespace kfstab::reference::testing {
 namespace {
 
-constexpr double ulp = 0x1p-52;
+using test::ulp;
 
 AnyProblem<double> scalar(double a, double q, double r) {
   CovarianceModel<double> model;
@@ -206,10 +207,10 @@ TEST(StationaryCovariance, StartsTheChandrasekharFilter) {
     root.initial = detail::round_to_double(L);
     const AnyProblem<double> problem = root;
 
-    const double u = 0x1p-53, unit = u * static_cast<double>(d.n + d.m + d.p);
+    const double unit = test::u * static_cast<double>(d.n + d.m + d.p);
     const double a = two_norm(model.A), c = two_norm(model.C), size = two_norm(s.P);
     // S0 and s.P are rounded once, entry by entry; n for ||X||_F against the entries
-    const double E = 4 * u * static_cast<double>(d.n) * (1 + a * a) * size;
+    const double E = 4 * test::u * static_cast<double>(d.n) * (1 + a * a) * size;
     const auto worst = [&](InitialCovariance kind, const Matrix<double>& S0) {
       Trajectory trajectory(problem, nullptr);
       ChandrasekharFilter<double> filter(d);

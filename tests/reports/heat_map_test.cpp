@@ -15,7 +15,7 @@ using namespace kfstab::reports;
 namespace {
 
 /// Three columns, two rows; the right column is outlined.
-Figure sample() {
+Figure sample_map() {
   Figure figure{
       .id = "map", .title = "Digits, lost & found", .caption = "", .x = {"r", true}, .y = {"q"}, .curves = {}};
   figure.maps.x = {1e-4, 1e-2, 1};
@@ -50,7 +50,7 @@ TEST(CellBorders, LieInTheMiddleByDifferenceOrByRatio) {
 }
 
 TEST(HeatMapData, HasAnEntryForEachFiniteCellAndTheLineBetweenInsideAndOutside) {
-  const std::string data = heat_map_data(sample());
+  const std::string data = heat_map_data(sample_map());
   const auto lines = lines_of(data);
   EXPECT_EQ(count(data, "\n\n\n# index"), 1u);
   EXPECT_EQ(count(data, " 1e-12 1e-12 "), 1u) << data;
@@ -63,7 +63,7 @@ TEST(HeatMapData, HasAnEntryForEachFiniteCellAndTheLineBetweenInsideAndOutside) 
   }
   EXPECT_EQ(cells, 5u);
   EXPECT_EQ(ends, 4u) << "two sides of cells, none along the frame: " << data;
-  Figure left = sample();
+  Figure left = sample_map();
   left.maps.panels.front().outlined = {true, false, false, true, false, false};
   ends = 0;
   for (const std::string& line : lines_of(heat_map_data(left)))
@@ -73,7 +73,7 @@ TEST(HeatMapData, HasAnEntryForEachFiniteCellAndTheLineBetweenInsideAndOutside) 
 
 TEST_F(HeatMapFiles, CsvReadsBackExactly) {
   const Environment no_pictures("PATH", "");
-  write_figure(sample(), Folder(folder / "out"));
+  write_figure(sample_map(), Folder(folder / "out"));
   EXPECT_EQ(read(folder / "out" / "map.csv"),
             "map,x,y,value,outlined\nckf,0.0001,1,1e-16,0\nckf,0.01,1,1e-12,0\nckf,1,1,nan,1\n"
             "ckf,0.0001,2,0,0\nckf,0.01,2,1e-08,0\nckf,1,2,0.01,1\n");
@@ -83,7 +83,7 @@ TEST_F(HeatMapFiles, AreDrawnWithTheirTitlesAndLabels) {
   if (!find_gnuplot()) GTEST_SKIP() << "no gnuplot here";
   const Folder out(folder / "out");
   for (const std::size_t panels : {1, 2, 5}) {
-    Figure figure = sample();
+    Figure figure = sample_map();
     while (figure.maps.panels.size() < panels) {
       figure.maps.panels.push_back(figure.maps.panels.front());
       figure.maps.panels.back().id = figure.maps.panels.back().label = "f" + std::to_string(figure.maps.panels.size());
@@ -106,7 +106,7 @@ TEST_F(HeatMapFiles, OddOnesAreDrawnToo) {
   if (!find_gnuplot()) GTEST_SKIP() << "no gnuplot here";
   const Folder out(folder / "out");
   for (const bool log : {false, true}) {
-    Figure figure = sample();
+    Figure figure = sample_map();
     figure.id = log ? "log" : "linear";
     figure.maps.x = figure.maps.y = {1};
     figure.maps.color.log = log;
@@ -124,7 +124,7 @@ TEST_F(HeatMapFiles, OddOnesAreDrawnToo) {
 TEST_F(HeatMapFiles, RefusesWhatIsNone) {
   const Folder out(folder / "out");
   const auto refused = [&](auto change) {
-    Figure figure = sample();
+    Figure figure = sample_map();
     change(figure);
     EXPECT_THROW(write_figure(figure, out), std::invalid_argument);
   };
@@ -137,7 +137,7 @@ TEST_F(HeatMapFiles, RefusesWhatIsNone) {
 }
 
 TEST(HeatMapText, IsATableWithTheFirstRowOfAMatrixOnTop) {
-  Figure figure = sample();
+  Figure figure = sample_map();
   auto lines = lines_of(heat_map_text(figure, 80));
   ASSERT_EQ(lines.size(), 6u);
   EXPECT_EQ(lines[0], "ckf");
@@ -150,7 +150,7 @@ TEST(HeatMapText, IsATableWithTheFirstRowOfAMatrixOnTop) {
 }
 
 TEST(HeatMapText, LeavesOutColumnsThatDoNotFitAndSaysSo) {
-  Figure figure = sample();
+  Figure figure = sample_map();
   figure.x.log = false;
   figure.maps.x.clear();
   for (int i = 0; i < 60; ++i) figure.maps.x.push_back(i);

@@ -24,7 +24,7 @@ Figure figure(const std::string& id) {
           .curves = {{.id = "a", .label = "curve of " + id, .x = {0, 1, 2}, .y = {3e-16, 7e-16, 5e-16}}}};
 }
 
-Document sample() {
+Document sample_document() {
   Document document{.title = "The title", .subtitle = "The subtitle", .sections = {}, .context = {{"seed", "42"}, {"compiler", "g++"}}};
   document.sections.push_back({.anchor = "first-claim",
                                .title = "First claim",
@@ -48,7 +48,7 @@ std::string fake_svg(const Figure& drawn) {
 }  // namespace
 
 TEST_F(Html, SaysAllThatTheDocumentSays) {
-  const std::string page = render_html(sample(), fake_svg);
+  const std::string page = render_html(sample_document(), fake_svg);
   for (const char* text :
        {"<title>The title</title>", "<h1>The title</h1>", "The subtitle", "href=\"#first-claim\"", "id=\"first-claim\"", "First claim", "confirmed", "refuted",
         "1 of 2", "1 confirmed, 1 refuted", "Some prose", "question of one", "title of one: error of one against steps of one", "slope of one", ">0.5<", ">0.49<",
@@ -63,7 +63,7 @@ TEST_F(Html, SaysAllThatTheDocumentSays) {
 
 TEST_F(Html, EveryKeyOfTheTemplateHasAValue) {
   // A key that is missing becomes empty text without a word: so each text is made recognisable, and no element is empty.
-  const std::string page = render_html(sample(), fake_svg);
+  const std::string page = render_html(sample_document(), fake_svg);
   EXPECT_EQ(page.find("{{"), page.npos);
   EXPECT_FALSE(std::regex_search(page, std::regex("<(a|p|pre|h1|h2|dt|dd|title|caption|figcaption|summary|th)( [^>]*)?></"))) << page;
   EXPECT_FALSE(std::regex_search(page, std::regex(" (id|class|href|aria-label|aria-labelledby)=\"#?\"")));
@@ -71,7 +71,7 @@ TEST_F(Html, EveryKeyOfTheTemplateHasAValue) {
 
 TEST_F(Html, EscapesAllText) {
   const std::string evil = "<script>alert('1')</script>\"&";
-  Document document = sample();
+  Document document = sample_document();
   document.title = document.subtitle = evil;
   document.context = {{evil, evil}};
   Figure drawn = figure("one");
@@ -96,7 +96,7 @@ TEST_F(Html, LeavesOutWhatIsNotThere) {
 }
 
 TEST_F(Html, AFigureWithoutPictureIsStillNumbers) {
-  const std::string page = render_html(sample(), no_picture);
+  const std::string page = render_html(sample_document(), no_picture);
   EXPECT_EQ(page.find("class=\"picture\""), page.npos);
   EXPECT_EQ(page.find("In all figures"), page.npos);
   EXPECT_NE(page.find("two.csv"), page.npos);
@@ -104,7 +104,7 @@ TEST_F(Html, AFigureWithoutPictureIsStillNumbers) {
 }
 
 TEST_F(Html, GnuplotsScriptServesThePageOnce) {
-  const std::string page = render_html(sample(), fake_svg);
+  const std::string page = render_html(sample_document(), fake_svg);
   EXPECT_EQ(count(page, "gnuplot_svg = function"), 1u);
   EXPECT_EQ(count(page, "<script></script>"), 1u);
   EXPECT_EQ(count(page, "gnuplot_svg.plot_xmin"), 2u);
@@ -114,14 +114,14 @@ TEST_F(Html, GnuplotsScriptServesThePageOnce) {
 }
 
 TEST_F(Html, RefusesWhatWouldCollideInThePage) {
-  Document anchors = sample();
+  Document anchors = sample_document();
   anchors.sections[1].anchor = "first-claim";
   EXPECT_THROW(render_html(anchors, no_picture), std::invalid_argument);
   for (const char* own : {"environment", "verdicts"}) {
     anchors.sections[1].anchor = own;
     EXPECT_THROW(render_html(anchors, no_picture), std::invalid_argument);
   }
-  Document figures = sample();
+  Document figures = sample_document();
   figures.sections[1].blocks.emplace_back(figure("one"));
   EXPECT_THROW(render_html(figures, no_picture), std::invalid_argument);
 }
@@ -130,7 +130,7 @@ TEST_F(Html, WithRealPicturesNeedsNoNetworkAndNamesEachCurveOnce) {
   if (!find_gnuplot()) GTEST_SKIP() << "no gnuplot here";
   const Folder out(folder / "out");
   for (const char* id : {"one", "two"}) ASSERT_EQ(write_figure(figure(id), out).warning, "");
-  const std::string page = render_html(sample(), [&](const Figure& drawn) { return read_svg(drawn, out); });
+  const std::string page = render_html(sample_document(), [&](const Figure& drawn) { return read_svg(drawn, out); });
 
   const std::regex loads("(src|href|url|action|data)\\s*[=(]\\s*[\"']?\\s*(https?:)?//", std::regex::icase);
   EXPECT_FALSE(std::regex_search(page, loads));

@@ -22,7 +22,7 @@ TEST(Markdown, WhatWouldBeMarkupIsEscaped) {
             "| P\\_{k\\|k} \\*x\\* \\[y\\] \\<z> \\`c\\` \\\\ next |\n");
 }
 
-Document sample() {
+Document sample_report() {
   Document document{"A *title*", "- no list", {}, {{"seed", "42"}}};
   Section section{"first", "First", Verdict::refuted, {}};
   section.blocks = {Paragraph{"# no heading"},
@@ -37,7 +37,7 @@ Document sample() {
 }
 
 TEST(Markdown, ADocumentBeginsWithVerdictsThatLinkToTheirSections) {
-  const std::string text = render_markdown(sample(), [](const Figure&) { return true; });
+  const std::string text = render_markdown(sample_report(), [](const Figure&) { return true; });
   EXPECT_EQ(text.find("# A \\*title\\*\n\n\\- no list\n\n| | verdict |\n| --- | --- |\n| [First](#first) | refuted |\n\n"
                       "<a id=\"first\"></a>\n\n## First: refuted\n\n\\# no heading\n\n**Setup.** two words\n"),
             0u)
@@ -49,7 +49,7 @@ TEST(Markdown, ADocumentBeginsWithVerdictsThatLinkToTheirSections) {
 }
 
 TEST(Markdown, AFigureThatWasNotDrawnIsNoBrokenPicture) {
-  const std::string text = render_markdown(sample(), [](const Figure&) { return false; });
+  const std::string text = render_markdown(sample_report(), [](const Figure&) { return false; });
   EXPECT_EQ(text.find("!["), text.npos);
   EXPECT_NE(text.find("its numbers are in one.csv"), text.npos);
 }

@@ -21,7 +21,7 @@ namespace {
 constexpr double infinity = std::numeric_limits<double>::infinity();
 const double gap = std::nan("");
 
-Figure sample() {
+Figure sample_figure() {
   return {.id = "error-of-p",
           .title = "Error of P's <factor> & \"gain\"",
           .caption = "",
@@ -58,7 +58,7 @@ std::string after(const std::string& line, const std::string& word) {
 
 TEST_F(Plot, CsvReadsBackExactly) {
   const Environment no_pictures("PATH", "");
-  const Figure figure = sample();
+  const Figure figure = sample_figure();
   const Folder out(folder / "out");
   write_figure(figure, out);
   std::istringstream csv(read(folder / "out" / "error-of-p.csv"));
@@ -80,7 +80,7 @@ TEST_F(Plot, CsvReadsBackExactly) {
 TEST_F(Plot, DataHasABlockForEachCurve) {
   const Environment no_pictures("PATH", "");
   const Folder out(folder / "out");
-  write_figure(sample(), out);
+  write_figure(sample_figure(), out);
   const std::string data = read(folder / "out" / "error-of-p.dat");
   EXPECT_EQ(count(data, "\n\n\n# index"), 4u);
   EXPECT_NE(data.find("# index 1: ckf, measured_line: ckf, `symmetric`\n0 0.3333333333333333\n1 nan\n2 inf\n3 1e-16\n\n\n"), data.npos) << data;
@@ -90,12 +90,12 @@ TEST_F(Plot, DataHasABlockForEachCurve) {
 TEST_F(Plot, DrawsBothPicturesAndTheScriptAloneDrawsThemAgain) {
   if (!find_gnuplot()) GTEST_SKIP() << "no gnuplot here";
   const Folder out(folder / "out");
-  const PlotResult result = write_figure(sample(), out);
+  const PlotResult result = write_figure(sample_figure(), out);
   EXPECT_TRUE(result.drawn) << result.warning;
   EXPECT_EQ(result.warning, "");
   EXPECT_EQ(read(folder / "out" / "error-of-p.png").substr(1, 3), "PNG");
-  const std::string svg = read_svg(sample(), out);
-  for (const Curve& curve : sample().curves) EXPECT_NE(svg.find(">" + curve.label + "<"), svg.npos) << curve.label;
+  const std::string svg = read_svg(sample_figure(), out);
+  for (const Curve& curve : sample_figure().curves) EXPECT_NE(svg.find(">" + curve.label + "<"), svg.npos) << curve.label;
   EXPECT_NE(svg.find("Error of P's &lt;factor> &amp; \"gain\""), svg.npos);
   EXPECT_NE(svg.find("figure_error_of_p_plot_1"), svg.npos);
 
@@ -112,12 +112,12 @@ TEST_F(Plot, EachMediumHasItsPicturesAndTheyAreWhole) {
     EXPECT_EQ(read(folder / "out" / name).substr(0, with.size()), with) << name;
   };
   const Folder out(folder / "out");
-  EXPECT_EQ(pictures_of(sample(), {}), (std::vector<std::string>{"error-of-p.svg", "error-of-p.png"}));
+  EXPECT_EQ(pictures_of(sample_figure(), {}), (std::vector<std::string>{"error-of-p.svg", "error-of-p.png"}));
   for (const Medium medium : {Medium::slide, Medium::print, Medium::paper}) {
     const Drawing drawing{medium};
-    const PlotResult result = write_figure(sample(), out, drawing);
+    const PlotResult result = write_figure(sample_figure(), out, drawing);
     EXPECT_TRUE(result.drawn) << result.warning;
-    for (const std::string& name : files_of(sample(), drawing)) EXPECT_TRUE(fs::exists(folder / "out" / name)) << name;
+    for (const std::string& name : files_of(sample_figure(), drawing)) EXPECT_TRUE(fs::exists(folder / "out" / name)) << name;
     starts("error-of-p.pdf", "%PDF");
   }
   EXPECT_NE(read(folder / "out" / "error-of-p.tex").find("\\includegraphics"), std::string::npos);
@@ -126,7 +126,7 @@ TEST_F(Plot, EachMediumHasItsPicturesAndTheyAreWhole) {
 TEST_F(Plot, PrintHasNoColour) {
   const Environment no_pictures("PATH", "");
   const Folder out(folder / "out");
-  write_figure(sample(), out, {Medium::print});
+  write_figure(sample_figure(), out, {Medium::print});
   const std::string script = read(folder / "out" / "error-of-p.gp");
   const std::regex color("rgb '#(..)(..)(..)'");
   for (auto match = std::sregex_iterator(script.begin(), script.end(), color); match != std::sregex_iterator(); ++match)
@@ -142,7 +142,7 @@ TEST(LabelString, EscapesWhatLatexWouldTakeForMarkup) {
 
 TEST_F(Plot, QuartilesAreDrawnButNotInTheLegendNorInText) {
   const Environment no_pictures("PATH", "");
-  Figure figure = sample();
+  Figure figure = sample_figure();
   figure.curves.push_back({.id = "lower", .label = "not shown", .x = {1, 2}, .y = {1e-15, 1e-14}, .role = CurveRole::quartile, .color = 3});
   const Folder out(folder / "out");
   write_figure(figure, out);
@@ -156,7 +156,7 @@ TEST_F(Plot, QuartilesAreDrawnButNotInTheLegendNorInText) {
 
 TEST_F(Plot, ASecondRunReplacesAllFiles) {
   const Environment no_pictures("PATH", "");
-  { write_figure(sample(), Folder(folder / "out")); }
+  { write_figure(sample_figure(), Folder(folder / "out")); }
   const Folder again(folder / "out");
   EXPECT_EQ(entries(folder / "out"), 1u);
 }
@@ -164,13 +164,13 @@ TEST_F(Plot, ASecondRunReplacesAllFiles) {
 TEST_F(Plot, WithoutGnuplotAllElseIsWritten) {
   const Environment path("PATH", "");
   const Folder out(folder / "out");
-  const PlotResult result = write_figure(sample(), out);
+  const PlotResult result = write_figure(sample_figure(), out);
   EXPECT_FALSE(result.drawn);
   EXPECT_NE(result.warning.find("gnuplot was not found"), std::string::npos) << result.warning;
   for (const char* ending : {".csv", ".dat", ".gp"}) EXPECT_TRUE(fs::exists(folder / "out" / (std::string("error-of-p") + ending))) << ending;
   EXPECT_FALSE(fs::exists(folder / "out" / "error-of-p.svg"));
-  EXPECT_EQ(read_svg(sample(), out), "");
-  const TextPlot text = text_plot(sample());
+  EXPECT_EQ(read_svg(sample_figure(), out), "");
+  const TextPlot text = text_plot(sample_figure());
   EXPECT_EQ(text.text, "");
   EXPECT_NE(text.warning, "");
 }
@@ -181,7 +181,7 @@ TEST_F(Plot, AFailingGnuplotLeavesNoHalfPictures) {
   fs::permissions(folder / "bin" / "gnuplot", fs::perms::owner_all);
   const Environment path("PATH", (folder / "bin").string());
   const Folder out(folder / "out");
-  const PlotResult result = write_figure(sample(), out);
+  const PlotResult result = write_figure(sample_figure(), out);
   EXPECT_FALSE(result.drawn);
   EXPECT_NE(result.warning.find("no complete picture"), std::string::npos) << result.warning;
   EXPECT_FALSE(fs::exists(folder / "out" / "error-of-p.svg"));
@@ -190,12 +190,12 @@ TEST_F(Plot, AFailingGnuplotLeavesNoHalfPictures) {
 TEST_F(Plot, ZeroOnALogAxisIsOnTheFloorNotLost) {
   const Environment no_pictures("PATH", "");
   const Folder out(folder / "out");
-  write_figure(sample(), out);
+  write_figure(sample_figure(), out);
   const std::string script = read(folder / "out" / "error-of-p.gp");
   EXPECT_NE(script.find("set ytics ('0' "), script.npos);
   EXPECT_NE(script.find("nohead front"), script.npos);
   EXPECT_NE(script.find("shown_y(v) = v >= 1e-300 ? v : v < 1e-300 ? "), script.npos);
-  Figure positive = sample();
+  Figure positive = sample_figure();
   positive.id = "positive";
   positive.curves.erase(positive.curves.begin() + 2);
   write_figure(positive, out);
@@ -261,14 +261,14 @@ TEST_F(Plot, ThinsForTheEyeAndKeepsTheExtremes) {
 TEST_F(Plot, RefusesWhatIsNoFigure) {
   const Folder out(folder / "out");
   for (const char* id : {"", "a b", "../a", "a_b", "ü"}) {
-    Figure figure = sample();
+    Figure figure = sample_figure();
     figure.id = id;
     EXPECT_THROW(write_figure(figure, out), std::invalid_argument) << id;
   }
-  Figure uneven = sample();
+  Figure uneven = sample_figure();
   uneven.curves[0].x.push_back(1);
   EXPECT_THROW(write_figure(uneven, out), std::invalid_argument);
-  Figure twice = sample();
+  Figure twice = sample_figure();
   twice.curves[0].id = "ckf";
   EXPECT_THROW(text_plot(twice), std::invalid_argument);
   EXPECT_EQ(entries(folder / "out"), 1u);
@@ -293,7 +293,7 @@ TEST_F(Plot, DrawsOddFiguresToo) {
 TEST(TextPlot, FitsTheTerminalAndNamesItsCurves) {
   if (!find_gnuplot()) GTEST_SKIP() << "no gnuplot here";
   for (const auto& [width, height] : {std::pair{80, 24}, std::pair{100, 30}}) {
-    const TextPlot plot = text_plot(sample(), width, height);
+    const TextPlot plot = text_plot(sample_figure(), width, height);
     ASSERT_EQ(plot.warning, "");
     EXPECT_LE(count(plot.text, "\n"), static_cast<std::size_t>(height));
     EXPECT_GE(count(plot.text, "\n"), static_cast<std::size_t>(height - 4));

@@ -8,8 +8,6 @@ using namespace kfstab::reports;
 namespace fs = std::filesystem;
 using std::chrono::seconds;
 
-namespace {
-
 class Program : public ScratchFolder {
  protected:
   /// A shell script that PATH leads to.
@@ -18,8 +16,6 @@ class Program : public ScratchFolder {
     fs::permissions(folder / name, fs::perms::owner_all);
   }
 };
-
-}  // namespace
 
 TEST_F(Program, IsFoundIfItCanBeRun) {
   const Environment path("PATH", "/nowhere:" + folder.string());

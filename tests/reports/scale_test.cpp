@@ -12,8 +12,8 @@ namespace {
 
 const Axis linear_axis{};
 const Axis log_axis{.label = "", .log = true};
-constexpr double gap = std::numeric_limits<double>::quiet_NaN();
-constexpr double infinity = std::numeric_limits<double>::infinity();
+constexpr double none = std::numeric_limits<double>::quiet_NaN();
+constexpr double endless = std::numeric_limits<double>::infinity();
 
 std::vector<std::string> labels(const std::vector<Tick>& ticks) {
   std::vector<std::string> texts;
@@ -25,7 +25,7 @@ std::vector<std::string> labels(const std::vector<Tick>& ticks) {
 }  // namespace
 
 TEST(LinearScale, ShowsAllThatIsFinite) {
-  const Scale scale = scale_for(linear_axis, {1, gap, -2, infinity, 3}, {}, 0);
+  const Scale scale = scale_for(linear_axis, {1, none, -2, endless, 3}, {}, 0);
   EXPECT_EQ(scale.low, -2);
   EXPECT_EQ(scale.high, 3);
   EXPECT_FALSE(scale.floor);
@@ -38,7 +38,7 @@ TEST(LinearScale, StartsAtZeroWhenThatIsNear) {
 
 TEST(LinearScale, IsNeverEmpty) {
   const double largest = std::numeric_limits<double>::max();
-  for (const auto& values : std::vector<std::vector<double>>{{}, {gap}, {0}, {5, 5}, {-3}, {-largest, largest}}) {
+  for (const auto& values : std::vector<std::vector<double>>{{}, {none}, {0}, {5, 5}, {-3}, {-largest, largest}}) {
     const Scale scale = scale_for(linear_axis, values, {}, 0.03);
     EXPECT_LT(scale.low, scale.high);
     EXPECT_TRUE(std::isfinite(scale.high - scale.low));
@@ -52,8 +52,8 @@ TEST(LogScale, PutsWhatIsNotPositiveOnAFloorBelowAllOthers) {
   EXPECT_LT(zero.low, *zero.floor);
   EXPECT_EQ(zero.shown(0), *zero.floor);
   EXPECT_EQ(zero.shown(1e-3), 1e-3);
-  EXPECT_TRUE(std::isnan(zero.shown(gap)));
-  EXPECT_TRUE(std::isnan(zero.shown(infinity)));
+  EXPECT_TRUE(std::isnan(zero.shown(none)));
+  EXPECT_TRUE(std::isnan(zero.shown(endless)));
   EXPECT_EQ(labels(log_ticks(zero, PowerNotation::superscript)).front(), "0");
   const Scale negative = scale_for(log_axis, {1e-16, -1, 1e-3}, {}, 0);
   EXPECT_EQ(labels(log_ticks(negative, PowerNotation::superscript)).front(), "≤ 0");
@@ -73,7 +73,7 @@ TEST(LogScale, BoundsThatAreFarDoNotSqueezeWhatWasMeasured) {
   EXPECT_GE(scale_for(log_axis, measured, {1e-15, 1e-13}, 0).high, 1e-13);
   EXPECT_LE(scale_for(log_axis, measured, {1e-15, 1e200}, 0).high, 1e-10);
   EXPECT_GE(scale_for(log_axis, measured, {1e-300}, 0).low, 1e-20);
-  EXPECT_GE(scale_for(log_axis, {gap}, {1e-15, 1e20}, 0).high, 1e20);
+  EXPECT_GE(scale_for(log_axis, {none}, {1e-15, 1e20}, 0).high, 1e20);
 }
 
 TEST(LogScale, CoversAllDoubles) {
@@ -81,7 +81,7 @@ TEST(LogScale, CoversAllDoubles) {
   EXPECT_GT(scale.low, 0);
   EXPECT_TRUE(std::isfinite(scale.high));
   ASSERT_TRUE(scale.floor);
-  for (const auto& values : std::vector<std::vector<double>>{{}, {gap}, {0}, {-1}, {1}, {1e-16, 1e-16}}) {
+  for (const auto& values : std::vector<std::vector<double>>{{}, {none}, {0}, {-1}, {1}, {1e-16, 1e-16}}) {
     const Scale odd = scale_for(log_axis, values, {}, 0);
     EXPECT_GT(odd.low, 0);
     EXPECT_LT(odd.low, odd.high);

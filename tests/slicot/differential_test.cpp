@@ -12,6 +12,7 @@
 #include <Eigen/QR>
 
 #include "slicot/fortran.hpp"
+#include "tolerance.hpp"
 
 // SLICOT 5.0 copies arrays onto themselves by LAPACK's DLACPY, a memcpy that AddressSanitizer would stop at.
 extern "C" const char* __asan_default_suppressions() { return "interceptor_via_lib:liblapack\n"; }
@@ -22,7 +23,6 @@ namespace kfstab::test {
 namespace {
 
 constexpr int systems = 4000;  // a routine
-constexpr double threshold = 30;
 constexpr double unit = 0x1p-53;
 
 template <class... Arguments>
