@@ -425,6 +425,13 @@ std::string check_markdown(const std::vector<CheckedSubject>& subjects) {
                             outcome.cases > 0 ? ratio_text(outcome.max_ratio) : ""});
     }
     text += reports::render_markdown(table);
+    // What was tried is as much of a result as what held.
+    reports::Table drawn{"", {"systems tried", "cases", "share"}, {}, {}};
+    drawn.alignment = {left, right, right};
+    for (const auto& [one, count] : subject.report.classes)
+      drawn.rows.push_back(
+          {one, fmt::format("{}", count), fmt::format("{:.0f} %", 100.0 * count / subject.report.cases)});
+    if (!drawn.rows.empty()) text += "\n" + reports::render_markdown(drawn);
     for (std::size_t i = 0; i < subject.report.laws.size(); ++i)
       if (subject.status(i) == LawStatus::fail)
         text += fmt::format("\n### {}\n\n```\n{}```\n", subject.report.laws[i].law.id, failure_text(subject, i));

@@ -12,6 +12,7 @@
 #include <kfstab/experiments/run.hpp>
 #include <kfstab/filters/registry.hpp>
 
+#include "experiments/tool.hpp"
 #include "properties/foreign/in_process.hpp"
 #include "reports/scratch.hpp"
 
@@ -148,18 +149,7 @@ TEST(Foreign, IdsAreUnique) {
 
 namespace {
 
-class ForeignCommands : public ScratchFolder {
- protected:
-  /// Runs the tool in the scratch folder, without a PATH to gnuplot; its output into files.
-  int kfstab(const std::string& arguments) const {
-    const std::string command =
-        fmt::format("cd '{}' && PATH=/nowhere '{}' {} >out 2>err", folder.string(), KFSTAB_TOOL_PATH, arguments);
-    const int status = std::system(command.c_str());
-    return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-  }
-  std::string out() const { return read(folder / "out"); }
-  std::string err() const { return read(folder / "err"); }
-};
+using ForeignCommands = kfstab::test::ToolInFolder;
 
 const std::string sick = KFSTAB_FOREIGN_FILTER;
 

@@ -8,7 +8,7 @@
 
 #include <gtest/gtest.h>
 
-using kfstab::experiments::Series;
+using namespace kfstab::experiments;
 
 namespace {
 

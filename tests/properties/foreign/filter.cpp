@@ -123,6 +123,7 @@ void serve(const char* file) {
         request.matrix("C", p, n, C);
         request.matrix("R", p, p, R);
         request.vector("y", p, y);
+        if (is("r-squared")) R = R * R;
         filter.update(C.cast<Scalar>(), R.cast<Scalar>(), y.cast<Scalar>());
       };
       if (!predicts_first) update();
