@@ -39,7 +39,7 @@ std::string words(const LawOutcome& outcome) {
 class EveryFilter : public ::testing::TestWithParam<Metadata> {
  protected:
   /// Draws systems, and shows the smallest on which a law does not hold.
-  void expect_lawful(const CheckOptions& options) {
+  void expect_lawful(const CheckOptions& options, int most_refused) {
     const Metadata& metadata = GetParam();
     const CheckReport report = check(*built_in(metadata.id), options);
     for (const LawOutcome& outcome : report.laws) {
@@ -49,15 +49,15 @@ class EveryFilter : public ::testing::TestWithParam<Metadata> {
     // A sixth of all systems each has a singular A, Q or P0, a quarter changes with time: such are not even drawn for a filter
     // that they are not for. What is left is singular by chance.
     EXPECT_LE(report.not_sent, options.cases / 20);
-    // Most systems say something, also of a form that breaks down early (an information matrix that is nearly singular).
-    EXPECT_LT(report.refused, options.cases / 4);
+    EXPECT_LT(report.refused, most_refused);
   }
 };
 
 TEST_P(EveryFilter, ObeysEveryLaw) {
   CheckOptions options;
   options.cases = 1000;
-  expect_lawful(options);
+  // Nine systems in ten say something, also of the form that squares condition numbers.
+  expect_lawful(options, options.cases / 10);
 }
 
 // Breaking no law is no matter of luck: the condition numbers in the tolerances are what they should be.
@@ -67,7 +67,8 @@ TEST_P(EveryFilter, ObeysEveryLawOnIllConditionedSystems) {
   options.systems.n.most = options.systems.m.most = options.systems.p.most = 4;
   options.systems.most_steps = 25;
   options.systems.worst_condition = 1e14;
-  expect_lawful(options);
+  // Rungs up to 1e14, squared where normal equations are formed, are beyond 1/u: there it is right to decline.
+  expect_lawful(options, options.cases / 4);
 }
 
 INSTANTIATE_TEST_SUITE_P(Registry, EveryFilter, ::testing::ValuesIn(filters().begin(), filters().end()),
