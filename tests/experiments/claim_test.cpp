@@ -5,10 +5,14 @@
 #include <atomic>
 #include <cmath>
 #include <set>
+#include <sstream>
 
 #include <gtest/gtest.h>
+#include <boost/property_tree/ptree.hpp>
+#include <boost/property_tree/xml_parser.hpp>
 
 #include <kfstab/properties/input_error.hpp>
+#include <kfstab/reports/mathml.hpp>
 
 #include "experiments/claims.hpp"
 
@@ -192,6 +196,25 @@ TEST(AllClaims, AreInTheLedgersOrderAndSayWhatTheyAre) {
     EXPECT_TRUE(ids.contains(id)) << id;
 }
 
+/// Whether the equation became text as a whole, as what cannot be read does. Throws unless its MathML is well-formed.
+bool is_text_as_a_whole(const std::string& equation) {
+  std::istringstream mathml(kfstab::reports::render_mathml(equation));
+  boost::property_tree::ptree set;
+  boost::property_tree::read_xml(mathml, set);
+  for (const char* path : {"math.mtext", "math.mrow.mtext"})
+    if (set.get<std::string>(path, "") == equation) return true;
+  return false;
+}
+
+TEST(AllClaims, HaveEquationsThatCanBeSet) {
+  ASSERT_TRUE(is_text_as_a_whole("(a < b"));
+  for (const Claim& claim : all_claims()) {
+    std::istringstream equations(claim.mathematics);
+    for (std::string equation; std::getline(equations, equation);)
+      EXPECT_FALSE(is_text_as_a_whole(equation)) << claim.id << ": " << equation;
+  }
+}
+
 // The four claims, with fewer systems than by default; their randomness must not matter.
 
 TEST(Claims, AsymmetryGrowthIsConfirmedWhateverTheSeed) {
@@ -252,8 +275,7 @@ TEST_P(ReducedClaim, IsConfirmedWhateverTheSeed) {
 INSTANTIATE_TEST_SUITE_P(, ReducedClaim,
                          testing::Values(Reduced{"forgetting", {{"seed", 1}, {"systems", 2}}},
                                          Reduced{"first-order", {{"seed", 1}, {"systems", 1}}},
-                                         Reduced{"steady-state-level", {}},
-                                         Reduced{"non-normal-transient", {}},
+                                         Reduced{"steady-state-level", {}}, Reduced{"non-normal-transient", {}},
                                          Reduced{"chandrasekhar-memory", {{"seed", 1}, {"systems", 5}}},
                                          Reduced{"joseph-second-order", {{"seed", 1}, {"systems", 3}}},
                                          Reduced{"post-array-angle", {{"seed", 1}, {"frames", 30}}},
