@@ -239,8 +239,12 @@ const Course& Bench::course(const System& system) {
       const double e = (data.y - C.lazyProduct(truth.x_predicted)).norm();
       const double Du = data.u.size() > 0 ? complete.D.at(step).norm() * data.u.norm() : 0;
       const double innovation = data.y.norm() + C.norm() * truth.x_predicted.norm();
-      const double own_K = predicted ? truth.predictor_gain.norm() : truth.filter_gain.norm();
-      const double gain_error = K.norm() > 0 ? now.K / K.norm() * own_K : now.K;
+      // What updates before it predicts makes Kf and then A Kf, which may be far smaller than either.
+      const bool in_two = predicted && course->gain_ == GainKind::filter;
+      const double own_K = in_two      ? A.norm() * K.norm()
+                           : predicted ? truth.predictor_gain.norm()
+                                       : truth.filter_gain.norm();
+      const double gain_error = in_two ? A.norm() * now.K : K.norm() > 0 ? now.K / K.norm() * own_K : now.K;
       const Matrix<double>& F = predicted ? truth.closed_loop : truth.filtered_closed_loop;
       const double inversion = inverts ? formed.information_amplification * formed.information.norm() * P.norm() : 1;
       const double moved = predicted ? A.norm() * truth.x_predicted.norm() + Du : truth.x_predicted.norm();

@@ -385,6 +385,24 @@ TEST(Comparisons, WhatAnInformationFilterWeighsItRounds) {
   }
 }
 
+// Kf is of size 1 here, and A Kf, which moves the state, of 1e-16: what Kf rounds comes to x by A, not relative to A Kf.
+TEST(Trajectory, OfAFilterThatUpdatesBeforeItPredictsMayRoundItsGain) {
+  const System system = read_toml(
+      "name = 'cancels'\nsteps = 2\nA = [[0, 0], [0, 1]]\n"
+      "B = [[-3.41699659217995, -1.1197269591076138, -1.7461569452010752, -0.14588265422687988],"
+      " [-1.9890695648019152, 2.2489453785949607, 2.5174664013486683, -0.8051148170016975]]\n"
+      "C = [[1, 0]]\nQ = {identity = 4}\nR = [[1]]\nP0 = [[0, 0], [0, 0]]\nx0 = [0, 0]\n"
+      "measurements = [[0], [1]]\n");
+  const auto law = laws([](std::string_view id) { return id == "trajectory"; }).at(0);
+  for (const char* id : {"ud", "potter", "carlson", "svd", "srcf", "ckf"}) {
+    Truths truths;
+    const auto filter = built_in(id);
+    Bench bench(*filter, truths);
+    const auto finding = law.examine(bench, system);
+    EXPECT_TRUE(!finding || finding->ratio <= largest_ratio) << id << ": " << finding->ratio;
+  }
+}
+
 TEST(Comparisons, AnInputThatIsLate) {
   Spoilt late{.before = [last = std::optional<Vector<double>>()](Given& given, State& now) mutable {
     if (!given.u) return;
