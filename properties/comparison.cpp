@@ -344,8 +344,10 @@ std::vector<Tolerance> tolerances(Bench& bench, const System& system, const Syst
           data.u.rows() > 0 && predicts ? product(dynamics.D, data.u.col(column)) : Vector<double>::Zero(size.n);
       const Vector<double> prior = predicted || !predicts ? x : Vector<double>(product(dynamics.A, x) + Du);
       const double e = (data.y.col(k) - product(now.C, prior)).norm();
-      const double own = predicted ? truth.predictor_gain.norm() : Kf;
-      const double gain_error = K > 0 ? tolerance.K / K * own : tolerance.K;
+      // As in Course: what updates before it predicts makes Kf and then A Kf, which may be far smaller than either.
+      const bool in_two = predicted && !predictor;
+      const double own = in_two ? A * Kf : predicted ? truth.predictor_gain.norm() : Kf;
+      const double gain_error = in_two ? A * tolerance.K : K > 0 ? tolerance.K / K * own : tolerance.K;
       const double Du_terms = dynamics.D.norm() * (data.u.rows() > 0 ? data.u.col(column).norm() : 0);
       const double moved = A * (predicted ? x.norm() + Kf * e : x.norm()) + (predicts ? Du_terms : 0);
       const double innovation = data.y.col(k).norm() + C * prior.norm();
