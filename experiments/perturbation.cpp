@@ -6,7 +6,6 @@
 #include <kfstab/experiments/models.hpp>
 #include <kfstab/filters/linear_solve.hpp>
 #include <kfstab/filters/registry.hpp>
-#include <kfstab/reference/trajectory.hpp>
 
 namespace kfstab::experiments {
 namespace {
@@ -87,8 +86,8 @@ double noise(const std::vector<double>& sizes) {
   return largest;
 }
 
-Transitions transitions(const properties::System& system) {
-  const auto problem = problem_of(system, Parametrisation::covariance);
+Transitions transitions(const properties::System& system, Parametrisation form) {
+  const auto problem = problem_of(system, form);
   reference::Trajectory truth(problem, nullptr, {.digits = 15});
   const Index n = system.A.rows();
   Matrix<double> predicted = Matrix<double>::Identity(n, n), filtered = predicted;
@@ -99,6 +98,7 @@ Transitions transitions(const properties::System& system) {
     filtered = truth.truth().filtered_closed_loop.lazyProduct(filtered).eval();
     result.predicted.push_back(predicted);
     result.filtered.push_back(filtered);
+    result.truths.push_back(truth.truth());
   }
   return result;
 }

@@ -4,6 +4,7 @@
 
 #include <kfstab/filters/metadata.hpp>
 #include <kfstab/properties/system.hpp>
+#include <kfstab/reference/trajectory.hpp>
 
 /// How an error travels through a filter: two runs side by side, one from P0 and x0, the other from P0 + dP and x0 +
 /// dx.
@@ -36,16 +37,20 @@ std::vector<double> sizes_of_P(const std::vector<Deviation>& deviations);
 double noise(const std::vector<double>& sizes);
 
 /// What carries an error of P_{0|-1} to what each filter holds after steps 0, 1 ...: the products of the closed loops,
-/// theory (3.4) and (3.5), along the true P of the system.
+/// theory (3.4) and (3.5), along the true P of the system, read in the parametrisation given.
 struct Transitions {
   std::vector<Matrix<double>> predicted;  ///< F_k ... F_0
   std::vector<Matrix<double>> filtered;   ///< (I - Kf C_k) A_{k-1} ... A_0 (I - Kf C_0)
+  std::vector<reference::Truth> truths;
 
   const std::vector<Matrix<double>>& of(Instant instant) const {
     return instant == Instant::predicted ? predicted : filtered;
   }
+  const Matrix<double>& P(Instant instant, std::size_t k) const {
+    return instant == Instant::predicted ? truths[k].P_next : truths[k].P_filtered;
+  }
 };
-Transitions transitions(const properties::System& system);
+Transitions transitions(const properties::System& system, Parametrisation form = Parametrisation::covariance);
 
 /// X Y Z'.
 Matrix<double> carried(const Matrix<double>& X, const Matrix<double>& Y, const Matrix<double>& Z);
