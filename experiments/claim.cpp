@@ -130,6 +130,13 @@ reports::Check check_slope(std::string name, double predicted, const Line& line,
   return check;
 }
 
+reports::Check check_growth(std::string name, double predicted, const Growth& growth, double relative) {
+  const double measured = growth.half_width <= relative * predicted ? growth.factor : NaN;
+  reports::Check check = check_close(std::move(name), predicted, measured, relative);
+  check.criterion += fmt::format("; 95 % interval +- {:.2g}, {} points", growth.half_width, growth.last - growth.first);
+  return check;
+}
+
 reports::Check check_at_most(std::string name, double limit, double measured, std::string reason) {
   return {std::move(name), limit, measured, fmt::format("at most {:g}: {}", limit, reason), measured <= limit};
 }

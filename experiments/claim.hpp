@@ -109,6 +109,8 @@ reports::Check check_within(std::string name, double predicted, double measured,
 /// A check that a slope lies within a distance of the predicted one. Where its 95 % confidence interval reaches further
 /// than that distance to either side, the points do not determine it, and it was not measured (NaN).
 reports::Check check_slope(std::string name, double predicted, const Line& line, double distance);
+/// The same of a growth factor, within a relative distance.
+reports::Check check_growth(std::string name, double predicted, const Growth& growth, double relative);
 /// A check that a measured value is at most, or at least, a limit.
 reports::Check check_at_most(std::string name, double limit, double measured, std::string reason);
 reports::Check check_at_least(std::string name, double limit, double measured, std::string reason);

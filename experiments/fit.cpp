@@ -79,14 +79,16 @@ Growth fit_growth(const std::vector<double>& y, double low, double high) {
   for (std::size_t i = 0; i < end; ++i)
     if (!(y[i] >= low)) begin = i + 1;
   begin += (end - begin) / 4;
-  Growth growth{NaN, static_cast<int>(begin), static_cast<int>(end)};
+  Growth growth{NaN, static_cast<int>(begin), static_cast<int>(end), infinity};
   if (end < begin + 8) return growth;
   std::vector<double> steps, logs;
   for (std::size_t i = begin; i < end; ++i) {
     steps.push_back(static_cast<double>(i));
     logs.push_back(std::log(y[i]));
   }
-  growth.factor = std::exp(fit_line(steps, logs).slope);
+  const Line line = fit_line(steps, logs);
+  growth.factor = std::exp(line.slope);
+  growth.half_width = growth.factor * line.half_width;
   return growth;
 }
 

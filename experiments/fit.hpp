@@ -35,6 +35,7 @@ void keep_worst(double& worst, double value);
 struct Growth {
   double factor = 0;        ///< per step; NaN for fewer than 8 points in the window
   int first = 0, last = 0;  ///< indices of the window's ends
+  double half_width = 0;    ///< of the factor, as Line has it of the slope of log y
 };
 
 /// exp of the slope of log y: fitted from the last time y was below `low` to the first time it exceeds `high`, without

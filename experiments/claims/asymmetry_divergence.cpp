@@ -85,7 +85,7 @@ Findings measure(const Settings& set) {
       // It has no digit left long before step 100: fitted while the error is small enough to be linear.
       const auto growth = fit_growth(points.value, 1e-14, 1e-4);
       findings.checks.push_back(
-          check_close(fmt::format("{}: growth of the error per step while it is below 1e-4", id), predicted, growth.factor, .02));
+          check_growth(fmt::format("{}: growth of the error per step while it is below 1e-4", id), predicted, growth, .02));
       // Once P is nothing but asymmetry R vanishes beside C P C', so F P C' does, and F D F' with it: 2 A D A' is left.
       findings.checks.push_back(check_close(fmt::format("{}: growth of the error per step, k = 100..300", id), 2 * rate,
                                             growth_between(f.covariance_error, 100, 300), .02));

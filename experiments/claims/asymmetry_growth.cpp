@@ -61,7 +61,7 @@ void one_output(const Settings& set, Findings& findings) {
       const std::string name = fmt::format("{} at r = {:g}", coding_of(*metadata), r);
       if (follows_A(metadata->asymmetry))
         findings.checks.push_back(
-            check_close(name + ": growth per step", predicted, fit_growth(curve, 1e-13, 1e-4).factor, .01));
+            check_growth(name + ": growth per step", predicted, fit_growth(curve, 1e-13, 1e-4), .01));
       else if (metadata->asymmetry == Asymmetry::textbook)
         findings.checks.push_back(check_at_most(name + ": asymmetry after 300 steps, relative to P", 1e-15,
                                                 curve.size() > 300 ? curve[300] / pair.steady().P.norm() : NaN,
@@ -96,9 +96,9 @@ void one_output(const Settings& set, Findings& findings) {
       const std::string name = fmt::format("{} at r = {:g}", coding_of(*metadata), r);
       if (metadata->asymmetry == Asymmetry::mixed) {
         if (r < 1)
-          findings.checks.push_back(check_close(name + ": growth per step although A is stable",
-                                                pair.predicted(Asymmetry::mixed),
-                                                fit_growth(curve, 1e-13, 1e-4).factor, .01));
+          findings.checks.push_back(check_growth(name + ": growth per step although A is stable",
+                                                 pair.predicted(Asymmetry::mixed),
+                                                 fit_growth(curve, 1e-13, 1e-4), .01));
       } else {
         findings.checks.push_back(check_at_most(name + ": largest asymmetry in 1000 steps over the seed's", 2,
                                                 *std::ranges::max_element(curve) / (pair.seed * std::sqrt(2.)),
@@ -116,11 +116,11 @@ void one_output(const Settings& set, Findings& findings) {
       const auto curve = norms(asymmetries(*metadata, pair.problem(), 1000, 1e3));
       const std::string name = fmt::format("{} at modes {:g}, {:g}", coding_of(*metadata), l1, l2);
       if (metadata->asymmetry == Asymmetry::mixed)
-        findings.checks.push_back(check_close(name + ": growth per step", pair.predicted(Asymmetry::mixed),
-                                              fit_growth(curve, 1e-13, 1e-4).factor, .01));
+        findings.checks.push_back(check_growth(name + ": growth per step", pair.predicted(Asymmetry::mixed),
+                                               fit_growth(curve, 1e-13, 1e-4), .01));
       else if (l1 * l2 > 1 && follows_A(metadata->asymmetry))
         findings.checks.push_back(
-            check_close(name + ": growth per step", l1 * l2, fit_growth(curve, 1e-13, 1e-4).factor, .01));
+            check_growth(name + ": growth per step", l1 * l2, fit_growth(curve, 1e-13, 1e-4), .01));
       else
         findings.checks.push_back(check_at_most(name + ": asymmetry after the last step over the seed's", 1,
                                                 curve.back() / (pair.seed * std::sqrt(2.)), "no growth, |l1 l2| < 1"));
@@ -147,9 +147,9 @@ void stable_with_two_outputs(Findings& findings) {
         const double predicted =
             reference::asymmetry_growth(metadata->asymmetry, false, A, steady.predictor_gain * plane, steady.closed_loop);
         const auto curve = norms(asymmetries(*metadata, problem, 400, 1e3));
-        findings.checks.push_back(check_close(fmt::format("{}, stable A = .9 rotation, C = I, {}: growth per step",
+        findings.checks.push_back(check_growth(fmt::format("{}, stable A = .9 rotation, C = I, {}: growth per step",
                                                           coding_of(*metadata), name),
-                                              predicted, fit_growth(curve, 1e-13, 1e-4).factor, .01));
+                                               predicted, fit_growth(curve, 1e-13, 1e-4), .01));
       }
   }
 }

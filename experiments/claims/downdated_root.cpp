@@ -83,12 +83,12 @@ Findings measure(const Settings& set) {
   }
 
   Findings findings;
-  findings.checks.push_back(check_within("downdated root: slope of the error of P in 1/d", 2,
-                                         fit_power(inverse, downdating, 1e-14, 1e-2).slope, .1));
+  findings.checks.push_back(check_slope("downdated root: slope of the error of P in 1/d", 2,
+                                        fit_power(inverse, downdating, 1e-14, 1e-2), .1));
   findings.checks.push_back(check_within(
       "downdated root: j of the largest d = 2^-j at which half of the updates do not exist", 25, breaks_down, 2));
   findings.checks.push_back(
-      check_within("srcf: slope of the error of P in 1/d", 1, fit_power(inverse, array, 1e-14, 1e-2).slope, .1));
+      check_slope("srcf: slope of the error of P in 1/d", 1, fit_power(inverse, array, 1e-14, 1e-2), .1));
 
   reports::Figure figure;
   figure.id = "downdated-root-error";

@@ -127,8 +127,8 @@ Findings measure(const Settings& set) {
           x.push_back(std::exp2(j));
           y.push_back(row.at(id).error);
         }
-      findings.checks.push_back(check_within(fmt::format("{}: slope of the error of P in 1/d", id), 1,
-                                             fit_power(x, y, 1e-14, 1e-2).slope, .15));
+      findings.checks.push_back(check_slope(fmt::format("{}: slope of the error of P in 1/d", id), 1,
+                                            fit_power(x, y, 1e-14, 1e-2), .15));
       const double j = first_failure(id);
       findings.checks.push_back({fmt::format("{}: j of the largest d = 2^-j at which it fails", id), 48, j,
                                  "from 46 to 50: error of size u/d", j >= 46 && j <= 50});

@@ -35,14 +35,14 @@ struct Course {
   std::vector<double> asymmetry;      ///< ||P - P'|| of ckf-gain
 
   /// The slope of a curve in the number of steps, from step 300 on.
-  double slope(const std::vector<double>& y) const {
+  Line slope(const std::vector<double>& y) const {
     std::vector<double> x, late;
     for (std::size_t i = 0; i < y.size(); ++i)
       if (step[i] >= 300) {
         x.push_back(step[i]);
         late.push_back(y[i]);
       }
-    return fit_power(x, late, 0, infinity).slope;
+    return fit_power(x, late, 0, infinity);
   }
 };
 
@@ -130,10 +130,10 @@ Findings measure(const Settings& set) {
         findings.checks.push_back(check_at_most(fmt::format("{}: worst error of P, {}", id, noise), 1e-14,
                                                 largest(seen.covariance.at(id)),
                                                 "rounding level, however many the steps"));
-      findings.checks.push_back(check_within("ckf-gain: slope of ||P - P'|| in the number of steps, " + noise, 2.1,
-                                             seen.slope(seen.asymmetry), .3));
-      findings.checks.push_back(check_within("csrf: slope of the error of K in the number of steps, " + noise, 1,
-                                             seen.slope(seen.chandrasekhar), .3));
+      findings.checks.push_back(check_slope("ckf-gain: slope of ||P - P'|| in the number of steps, " + noise, 2.1,
+                                            seen.slope(seen.asymmetry), .3));
+      findings.checks.push_back(check_slope("csrf: slope of the error of K in the number of steps, " + noise, 1,
+                                            seen.slope(seen.chandrasekhar), .3));
       for (const auto& id : level) figure.curves.push_back(late(id, seen, seen.covariance.at(id)));
       figure.curves.push_back(late("csrf", seen, seen.chandrasekhar));
       figure.curves.push_back(late("ckf-gain", seen, seen.asymmetry));
@@ -145,7 +145,7 @@ Findings measure(const Settings& set) {
                                                 static_cast<double>(steps) * u, largest(seen.covariance.at(id)),
                                                 "steps u, nothing being forgotten at all"));
       findings.checks.push_back(check_at_most("ckf-gain: slope of ||P - P'|| in the number of steps, " + noise, 2.4,
-                                              seen.slope(seen.asymmetry),
+                                              seen.slope(seen.asymmetry).slope,
                                               "k^2 at most, which directions are sown is rounding's"));
       findings.checks.push_back(check_at_least("csrf: error of K after the last step over that of srcf's P, " + noise,
                                                1e6, seen.chandrasekhar.back() / largest(seen.covariance.at("srcf")),

@@ -42,10 +42,10 @@ Findings measure(const Settings& set) {
   }
 
   Findings findings;
-  findings.checks.push_back(check_within("information: slope of the error of the state in 1/d", 2,
-                                         fit_power(inverse, error["information"], 1e-14, 1e-2).slope, .1));
-  findings.checks.push_back(check_within("srif: slope of the error of the state in 1/d", 1,
-                                         fit_power(inverse, error["srif"], 1e-14, 1e-2).slope, .1));
+  findings.checks.push_back(check_slope("information: slope of the error of the state in 1/d", 2,
+                                        fit_power(inverse, error["information"], 1e-14, 1e-2), .1));
+  findings.checks.push_back(check_slope("srif: slope of the error of the state in 1/d", 1,
+                                        fit_power(inverse, error["srif"], 1e-14, 1e-2), .1));
 
   reports::Figure figure;
   figure.id = "normal-equations-error";

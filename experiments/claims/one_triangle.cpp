@@ -152,8 +152,8 @@ void textbook(const Settings& set, Findings& findings) {
   const double start = std::sqrt(2.) * 1e-12;
 
   if (growth(true) > 1)
-    findings.checks.push_back(check_close(fmt::format("(i) at r = {:g}, one triangle of Re: growth a step", r),
-                                          growth(true), fit_growth(cholesky, 1e-13, 1e-4).factor, .01));
+    findings.checks.push_back(check_growth(fmt::format("(i) at r = {:g}, one triangle of Re: growth a step", r),
+                                           growth(true), fit_growth(cholesky, 1e-13, 1e-4), .01));
   else
     findings.checks.push_back(
         check_at_most(fmt::format("(i) at r = {:g}, one triangle of Re: last asymmetry over the first", r), 1,

@@ -61,8 +61,8 @@ Findings measure(const Settings& set) {
       const std::string coding = coding_of(*filter), name = coding == "symmetric" ? std::string(filter->id) : coding;
       const double last = curve.empty() ? NaN : curve.back();
       if (follows_A(filter->asymmetry))
-        findings.checks.push_back(check_close(fmt::format("{} at f = {:g}: growth of the asymmetry a step", name, f),
-                                              1 / f, fit_growth(curve, 1e-13, 1e-4).factor, .01));
+        findings.checks.push_back(check_growth(fmt::format("{} at f = {:g}: growth of the asymmetry a step", name, f),
+                                               1 / f, fit_growth(curve, 1e-13, 1e-4), .01));
       else if (filter->asymmetry != Asymmetry::mixed)
         findings.checks.push_back(check_at_most(
             fmt::format("{} at f = {:g}: asymmetry after the last step over that of P0", name, f), 1, last / start,

@@ -86,6 +86,14 @@ TEST(Checks, ASlopeThatItsPointsDoNotDetermineWasNotMeasured) {
   EXPECT_NE(check_slope("a", 2, sharp, .1).criterion.find("0.08, 5 points"), std::string::npos);
 }
 
+TEST(Checks, AGrowthThatItsPointsDoNotDetermineWasNotMeasured) {
+  const Growth sharp{1.21, 5, 45, .01}, blurred{1.21, 5, 45, .02};
+  EXPECT_TRUE(check_growth("a", 1.2, sharp, .01).holds);
+  EXPECT_EQ(verdict_of({check_growth("a", 1.3, sharp, .01)}), Verdict::refuted);
+  EXPECT_EQ(verdict_of({check_growth("a", 1.2, blurred, .01)}), Verdict::inconclusive);
+  EXPECT_NE(check_growth("a", 1.2, sharp, .01).criterion.find("0.01, 40 points"), std::string::npos);
+}
+
 TEST(Checks, AtMostAndAtLeast) {
   EXPECT_TRUE(check_at_most("a", 1, 1, "why").holds);
   EXPECT_FALSE(check_at_most("a", 1, 1.5, "why").holds);

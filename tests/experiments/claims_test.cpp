@@ -11,6 +11,8 @@
 
 #include <gtest/gtest.h>
 
+#include <kfstab/filters/kernels.hpp>
+
 using namespace kfstab::experiments;
 using kfstab::reports::Verdict;
 
@@ -55,6 +57,16 @@ INSTANTIATE_TEST_SUITE_P(
     });
 
 }  // namespace
+
+// Experiments are made with the plain text, and what they find must not hang on it.
+TEST(Claims, DoNotDependOnTheKernels) {
+  for (const auto& kernels : kfstab::kernels::available()) {
+    kfstab::kernels::use(kernels.isa);
+    for (const auto& result : run_claims(all_claims(), {}, Effort::quick, 0, [] {}))
+      EXPECT_EQ(result.verdict(), Verdict::confirmed) << result.claim.id << " with " << kernels.isa << "\n" << failing(result);
+  }
+  kfstab::kernels::use("plain");
+}
 
 TEST(Claims, UnexcitedModeFollowsTheMode) {
   const auto result = run_claim(claim_called("unexcited-mode"), {{"mode", 1.375}});

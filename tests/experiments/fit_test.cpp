@@ -141,6 +141,22 @@ TEST(FitGrowth, OfAnExactPowerIsItsFactor) {
   EXPECT_NEAR(fit_growth(powers(1e-5, .9, 50), 1e-13, 1e-4).factor, .9, 1e-13);
 }
 
+TEST(FitGrowth, SaysHowWellThePointsDetermineIt) {
+  EXPECT_LT(fit_growth(powers(1e-12, 1.1, 200), 1e-13, 1e-4).half_width, 1e-12);
+  // A log that is off by a alternately: as the line of these points has it, times the factor.
+  const double a = .3;
+  std::vector<double> y = powers(1e-12, 1.1, 80), x, logs;
+  for (std::size_t k = 0; k < y.size(); ++k) y[k] *= std::exp(k % 2 ? a : -a);
+  const Growth growth = fit_growth(y, 1e-13, 1e-4);
+  for (int k = growth.first; k < growth.last; ++k) {
+    x.push_back(k);
+    logs.push_back(std::log(y[static_cast<std::size_t>(k)]));
+  }
+  EXPECT_DOUBLE_EQ(growth.half_width, growth.factor * fit_line(x, logs).half_width);
+  EXPECT_GT(growth.half_width, 1e-4);
+  EXPECT_EQ(fit_growth({}, .5, 1e9).half_width, infinity) << "nothing is known of it";
+}
+
 TEST(FitGrowth, WindowIsFromTheLastTimeBelowLowToTheFirstAboveHigh) {
   // 20 steps of noise at 1e-15, 40 of growth from 1e-12 on, then a plateau at 1.
   std::vector<double> y(20, 1e-15);
