@@ -55,11 +55,14 @@ Explanation losses(const FilterRun& f, const AnalysisRun& analysis) {
   e.of = holds_P ? 'P' : 'K';
   const auto errors = (holds_P ? f.covariance_error : f.gain_error).points();
   const Lookup root_condition(analysis.innovation_condition), cosine(analysis.cosine), gamma(analysis.gamma);
+  const auto& of = analysis.information;
+  const Lookup A(of.A), Q_root(of.Q_root), R_root(of.R_root), spread(of.spread), inverse_cosine(of.inverse_cosine), T(of.T);
   for (std::size_t i = 0; i < errors.step.size(); ++i) {
     const double lost = digits_lost(errors.value[i]), k = errors.step[i];
     if (!(lost > e.lost)) continue;
     const double root = root_condition(k), growth = gamma(k);
-    e.losses.push_back({static_cast<std::int64_t>(k), lost - e.lost, root * root, cosine(k), growth * growth});
+    e.losses.push_back({static_cast<std::int64_t>(k), lost - e.lost, root * root, cosine(k), growth * growth,
+                        {A(k), Q_root(k), R_root(k), spread(k), inverse_cosine(k), T(k)}});
     e.lost = lost;
     e.worst = static_cast<std::int64_t>(k);
   }
@@ -71,6 +74,11 @@ Explanation losses(const FilterRun& f, const AnalysisRun& analysis) {
   return e;
 }
 
+std::string cause_of_growth(const Loss& loss) {
+  return fmt::format(", where ||F||^2 = {}: what was wrong before may grow by {:.1f} digits there", short_number(loss.growth),
+                     std::log10(loss.growth));
+}
+
 /// What of a step costs most, and how much: as theory (4) has it for what the filter holds.
 std::string cause(const Loss& loss, const Metadata& filter) {
   const bool root = holds_root(filter.holds);
@@ -79,10 +87,8 @@ std::string cause(const Loss& loss, const Metadata& filter) {
   const double by_growth = std::log10(loss.growth);
   if (std::isnan(by_condition)) return "";
   std::string most;
-  if (by_growth >= std::max({by_condition, by_angle, 0.5}))
-    most = fmt::format("||F||^2 = {}: what was wrong before may grow by {:.1f} digits there", short_number(loss.growth),
-                       by_growth);
-  else if (by_condition >= std::max(by_angle, 0.5))
+  if (by_growth >= std::max({by_condition, by_angle, 0.5})) return cause_of_growth(loss);
+  if (by_condition >= std::max(by_angle, 0.5))
     most = fmt::format("k(Re) = {}: worth {:.1f} digits to a form that holds {}",
                        short_number(loss.innovation_condition), by_condition, root ? "a root" : "P");
   else if (by_angle >= 0.5)
@@ -95,8 +101,28 @@ std::string cause(const Loss& loss, const Metadata& filter) {
   return ", where " + most;
 }
 
-bool is_information(const Metadata& filter) {
-  return filter.holds == Held::information_factor || filter.holds == Held::information;
+/// The same of an information form: which factor of (4.3) is the largest. What is a root there is squared where P^{-1} is
+/// held.
+std::string cause_of_information(const Loss& loss, const Metadata& filter) {
+  const reference::InformationLoss& of = loss.information;
+  if (std::isnan(of.T)) return "";
+  struct Factor {
+    double value;
+    const char *name, *why;
+  };
+  const Factor factors[] = {
+      {of.A, "k(A)", "A is inverted"},
+      {of.R_root, "k(R^{1/2})", "R^{1/2} is inverted"},
+      {of.spread * of.Q_root, "(t1/tm) k(Q^{1/2})", "Q^{1/2} is inverted, and w is known much better in one direction than in another"},
+      {of.spread * of.A, "(t1/tm) k(A)", "A is inverted, and w is known much better in one direction than in another"},
+      {of.inverse_cosine, "1/cos3", "little is left of the information that the step began with"},
+      {of.T, "k(T)", "P is made from what is held, by inverting it"}};
+  const Factor& most = *std::ranges::max_element(factors, {}, &Factor::value);
+  if (loss.growth > most.value && std::log10(loss.growth) >= 0.5) return cause_of_growth(loss);
+  const double powers = filter.holds == Held::information ? 2 : 1, digits = powers * std::log10(most.value);
+  if (digits < 0.5) return fmt::format(", where no factor of (4.3) is above {}", short_number(most.value));
+  return fmt::format(", where {} = {}, worth {:.1f} digits to a form that holds {}: {}", most.name,
+                     short_number(most.value), digits, powers == 2 ? "P^{-1}" : "a root of P^{-1}", most.why);
 }
 
 void tell(Explanation& e, const SystemRun& run) {
@@ -110,13 +136,12 @@ void tell(Explanation& e, const SystemRun& run) {
   }
   const Loss& most = e.losses.front();
   if (most.digits >= e.lost / 3 || e.losses.size() == 1) {
-    const std::string where = is_information(*e.filter) ? "" : cause(most, *e.filter);
+    const std::string where =
+        is_information(*e.filter) ? cause_of_information(most, *e.filter) : cause(most, *e.filter);
     say(e.losses.size() == 1
             ? fmt::format("{} loses {:.1f} digits of {}, all of them at step {}{}.", id, e.lost, e.of, most.step, where)
             : fmt::format("{} loses {:.1f} of its {:.1f} lost digits of {} at step {}{}.", id, most.digits, e.lost,
                           e.of, most.step, where));
-    if (is_information(*e.filter))
-      say("What costs an information form is k(A), and k(T) to who asks for P: see theory (4.3).");
   } else {
     const double steps = static_cast<double>(std::max<std::int64_t>(e.worst, 1));
     say(fmt::format(

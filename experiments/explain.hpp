@@ -20,7 +20,13 @@ struct Loss {
   double innovation_condition = 0;  ///< k(Re)
   double cosine = 0;                ///< how much the downdate leaves, theory (4.1); below 1 it costs
   double growth = 0;                ///< ||F||^2: what the step makes of an error from before
+  reference::InformationLoss information;  ///< what it costs an information form, (4.3)
 };
+
+/// Whether (4.3) says what a filter loses in a step, and not (4.1) or (4.2).
+constexpr bool is_information(const Metadata& filter) {
+  return filter.holds == Held::information_factor || filter.holds == Held::information;
+}
 
 /// Additions whose operands agreed in leading bits, counted in a run of Counting<double>.
 struct Cancellations {

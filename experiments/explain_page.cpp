@@ -56,8 +56,9 @@ reports::Figure costs_figure(const Explained& one, const std::string& prefix) {
       prefix + "-costs",
       "What each step may cost",
       "Which steps are hard on any filter? Digits that a step may cost a form that holds P, by theory (4.1): those of "
-      "k(Re), and those of the downdate; a form that holds a root pays half of both. Beside them by how many "
-      "decades F may enlarge an error from before.",
+      "k(Re), and those of the downdate; a form that holds a root pays half of both. An information form pays those of "
+      "k(A) and of 1/cos3, theory (4.3), and of k(T) if P is asked for. Beside them by how many decades F may enlarge an "
+      "error from before.",
       {"step k", false},
       {"digits", false},
       {},
@@ -71,6 +72,9 @@ reports::Figure costs_figure(const Explained& one, const std::string& prefix) {
   };
   add("condition", "k(Re)", analysis.innovation_condition, 2);
   add("angle", "1/cos^2", analysis.cosine, -2);
+  add("information-A", "k(A), information forms", analysis.information.A, 1);
+  add("information-angle", "1/cos3, information forms", analysis.information.inverse_cosine, 1);
+  add("information-T", "k(T), information forms", analysis.information.T, 1);
   add("growth", "||F||^2", analysis.gamma, 2);
   return figure;
 }
@@ -124,10 +128,11 @@ reports::Table loss_table(const Explained& one) {
                   "digits",
                   "k(Re) there",
                   "1/cos^2",
+                  "(4.3)",
                   "||F||^2",
                   "asymmetry",
                   "half-word cancellations"};
-  table.alignment = {left, left, right, right, right, right, right, right, right, right, right};
+  table.alignment = {left, left, right, right, right, right, right, right, right, right, right, right};
   const auto number = [](double value) { return std::isnan(value) ? std::string("-") : short_number(value); };
   for (const Explanation& e : one.filters) {
     const std::string id(e.filter->id);
@@ -138,12 +143,19 @@ reports::Table loss_table(const Explained& one) {
     std::vector<std::string> row = {id, std::string(1, e.of), fmt::format("{:.1f}", e.lost),
                                     fmt::format("{}", e.worst)};
     if (e.losses.empty()) {
-      row.insert(row.end(), 5, "-");
+      row.insert(row.end(), 6, "-");
     } else {
       const Loss& most = e.losses.front();
+      const bool information = is_information(*e.filter);
+      const double inversions = most.information.amplification() * most.information.T;
       row.insert(row.end(),
-                 {fmt::format("{}", most.step), fmt::format("{:.1f}", most.digits), number(most.innovation_condition),
-                  number(1 / (most.cosine * most.cosine)), number(most.growth)});
+                 {fmt::format("{}", most.step), fmt::format("{:.1f}", most.digits),
+                  information ? "-" : number(most.innovation_condition),
+                  information ? "-" : number(1 / (most.cosine * most.cosine)),
+                  !information                             ? "-"
+                  : e.filter->holds == Held::information ? number(inversions * inversions)
+                                                           : number(inversions),
+                  number(most.growth)});
     }
     row.push_back(fmt::format("{:.0f} %", 100 * e.asymmetry));
     row.push_back(e.cancellations ? fmt::format("{} of {}", e.cancellations->half_word, e.cancellations->additions)

@@ -224,6 +224,12 @@ std::string explain_json(const std::vector<Explained>& explained, const Context&
         put(of_step, "innovation_condition", loss.innovation_condition);
         put(of_step, "cosine", loss.cosine);
         put(of_step, "growth", loss.growth);
+        if (is_information(*e.filter) && !std::isnan(loss.information.T)) {
+          const reference::InformationLoss& of = loss.information;
+          of_step["information"] = {{"A", of.A},           {"Q_root", of.Q_root},
+                                    {"R_root", of.R_root}, {"spread", of.spread},
+                                    {"inverse_cosine", of.inverse_cosine}, {"T", of.T}};
+        }
         entry["losses"].push_back(std::move(of_step));
       }
       if (e.entries.size() > 0) {
@@ -264,6 +270,13 @@ std::string run_json(const std::vector<SystemRun>& runs, const Context& made) {
                           {"log10_amplification", series(r.analysis.log10_amplification)},
                           {"innovation_condition", series(r.analysis.innovation_condition)},
                           {"cosine", series(r.analysis.cosine)}};
+    if (const auto& of = r.analysis.information; of.T.count() > 0)
+      object["analysis"]["information"] = {{"A", series(of.A)},
+                                           {"Q_root", series(of.Q_root)},
+                                           {"R_root", series(of.R_root)},
+                                           {"spread", series(of.spread)},
+                                           {"inverse_cosine", series(of.inverse_cosine)},
+                                           {"T", series(of.T)}};
     object["filters"] = json::array();
     for (const FilterRun& f : r.filters) object["filters"].push_back(filter_json(f));
     root["systems"].push_back(std::move(object));

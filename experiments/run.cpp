@@ -95,6 +95,14 @@ void add(AnalysisRun& run, std::int64_t k, const reference::ErrorAnalysis& analy
   run.log10_amplification.add(k, analysis.log10_amplification());
   run.innovation_condition.add(k, analysis.innovation_condition());
   run.cosine.add(k, analysis.cosine());
+  const reference::InformationLoss& loss = analysis.information_loss();
+  if (std::isnan(loss.T)) return;
+  run.information.A.add(k, loss.A);
+  run.information.Q_root.add(k, loss.Q_root);
+  run.information.R_root.add(k, loss.R_root);
+  run.information.spread.add(k, loss.spread);
+  run.information.inverse_cosine.add(k, loss.inverse_cosine);
+  run.information.T.add(k, loss.T);
 }
 
 template <class Scalar>

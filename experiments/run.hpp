@@ -48,6 +48,10 @@ struct FilterRun {
 /// What the system does to an error, over the steps: reference::ErrorAnalysis says what each is.
 struct AnalysisRun {
   Series gamma, log10_amplification, innovation_condition, cosine;
+  /// reference::InformationLoss, member by member; empty unless an information form was among those asked for.
+  struct Information {
+    Series A, Q_root, R_root, spread, inverse_cosine, T;
+  } information;
 };
 
 struct SystemRun {

@@ -199,7 +199,12 @@ SystemRun system_of(const Node& node, Owner& owner) {
   if (node.has("analysis")) {
     const Node analysis = node["analysis"];
     r.analysis = {series_of(analysis, "gamma"), series_of(analysis, "log10_amplification"),
-                  series_of(analysis, "innovation_condition"), series_of(analysis, "cosine")};
+                  series_of(analysis, "innovation_condition"), series_of(analysis, "cosine"), {}};
+    if (analysis.has("information")) {
+      const Node of = analysis["information"];
+      r.analysis.information = {series_of(of, "A"),      series_of(of, "Q_root"),         series_of(of, "R_root"),
+                                series_of(of, "spread"), series_of(of, "inverse_cosine"), series_of(of, "T")};
+    }
   }
   for (const Node& filter : node["filters"].list()) r.filters.push_back(filter_of(filter, owner));
   return r;

@@ -12,6 +12,7 @@ void ErrorAnalysis::advance(const Truth& truth) {
   gamma_ = two_norm(F);
   innovation_condition_ = std::sqrt(truth.innovation_condition);
   cosine_ = truth.cosine;
+  information_loss_ = truth.information_loss;
 
   // F is scaled first: its largest entries times those of the product might not fit a double.
   const int size_of_F = gamma_ > 0 ? std::ilogb(gamma_) : 0;

@@ -23,9 +23,12 @@ class ErrorAnalysis {
   double innovation_condition() const { return innovation_condition_; }
   /// cos of the post-array: 1/cos is what a form that holds S loses, its square what one that holds P loses.
   double cosine() const { return cosine_; }
+  /// What the step costs an information form, (4.3).
+  const InformationLoss& information_loss() const { return information_loss_; }
 
  private:
   double gamma_ = 1, log10_amplification_ = 0, innovation_condition_ = 1, cosine_ = 1;
+  InformationLoss information_loss_;
   Matrix<double> product_;  ///< F_k ... F_0 2^{-exponent_}, of size 1
   double exponent_ = 0;
 };

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <string>
 #include <vector>
@@ -24,6 +25,21 @@ namespace kfstab::reference {
 
 struct ExactProblem;  // rational.hpp
 struct ExactData;
+
+/// What one step of a square-root information filter costs, k-1|k-1 to k|k, theory (4.3): relative to T it loses u times
+/// { k(A) + k(R^{1/2}) + (t1/tm) [k(Q^{1/2}) + k(A)] } / cos3, and k(T) times that who asks for P. A and Q are those of step
+/// k-1. At k = 0, where only R^{-1/2} C is annexed to T0, (1 + k(R^{1/2})) / cos3: A = 1, spread = 0. All are NaN unless the
+/// problem is an information problem.
+struct InformationLoss {
+  double A = std::numeric_limits<double>::quiet_NaN();               ///< k(A)
+  double Q_root = std::numeric_limits<double>::quiet_NaN();          ///< k(Q^{1/2})
+  double R_root = std::numeric_limits<double>::quiet_NaN();          ///< k(R^{1/2})
+  double spread = std::numeric_limits<double>::quiet_NaN();          ///< t1/tm, the extreme singular values of Qe^{-1/2}
+  double inverse_cosine = std::numeric_limits<double>::quiet_NaN();  ///< 1/cos3
+  double T = std::numeric_limits<double>::quiet_NaN();               ///< k(T) = k(P_{k|k})^{1/2}
+
+  double amplification() const { return (A + R_root + (spread > 0 ? spread * (Q_root + A) : 0)) * inverse_cosine; }
+};
 
 /// What was true at step k, each entry rounded once to double.
 struct Truth {
@@ -50,11 +66,10 @@ struct Truth {
   /// cos = ||S_{k+1|k}|| / ||[G S_{k+1|k}]|| = (||P_{k+1|k}|| / ||A P_{k|k-1} A' + B Q B'||)^{1/2}: how much of the
   /// predicted covariance is left after the downdate. 1 where both are 0.
   double cosine = 1;
-  /// { k(A) + k(R^{1/2}) + (t1/tm) [k(Q^{1/2}) + k(A)] } / cos3, what multiplies u in one step of a square-root
-  /// information filter, k-1|k-1 to k|k; A and Q are those of step k-1, t1 and tm the extreme singular values of
-  /// Qe^{-1/2}. At k = 0, where only R^{-1/2} C is annexed to T0, (1 + k(R^{1/2})) / cos3. NaN unless the problem is an
+  /// What multiplies u in one step of a square-root information filter, k-1|k-1 to k|k; NaN unless the problem is an
   /// information problem.
   double information_amplification = 0;
+  InformationLoss information_loss;  ///< of which that is the amplification()
 };
 
 /// How far a filter is from the truth after one step: measured in the reference's precision, from the exact values of

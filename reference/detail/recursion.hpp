@@ -148,8 +148,8 @@ class Recursion {
                                       : std::numeric_limits<double>::quiet_NaN();
     truth.innovation_condition = Re.rows() == 1 ? 1 : condition(Re, Re_inverse);
     truth.cosine = cosine();
-    truth.information_amplification =
-        is_information(source_) ? information_amplification() : std::numeric_limits<double>::quiet_NaN();
+    truth.information_loss = is_information(source_) ? information_loss() : InformationLoss();
+    truth.information_amplification = truth.information_loss.amplification();
   }
 
   std::int64_t k() const { return k_; }
@@ -246,9 +246,10 @@ class Recursion {
     return norm == 0 ? 1 : std::min(1.0, reference::round_to_double(T(sqrt(T(two_norm(P_next) / norm)))));
   }
 
-  double information_amplification() const {
+  InformationLoss information_loss() const {
     const Numbers<T>& m = *numbers_;
-    double bracket = 1 + m.k_R_root;
+    InformationLoss loss{.A = 1, .Q_root = 1, .R_root = m.k_R_root, .spread = 0, .inverse_cosine = 1,
+                         .T = std::sqrt(condition(P_filtered, Y))};
     Matrix<T> annexed = m.CRC;
     if (previous_) {
       // Q and A carried x_{k-1} to x_k
@@ -258,20 +259,22 @@ class Recursion {
       const Matrix<T> BT = transposed(previous_->A_inverse_B);
       add_symmetric_product(Qe_inverse, product(BT, Y_previous_), BT);
       Matrix<T> root;
-      double ratio = 1;
+      loss.A = previous_->k_A;
+      if (Qe_inverse.rows() > 0) {
+        loss.spread = 1;
+        loss.Q_root = previous_->k_Q_root;
+      }
       if (Qe_inverse.rows() > 1 && cholesky(Qe_inverse, root).done)
-        ratio = std::sqrt(condition(Qe_inverse, inverse_from_root_inverse(lower_inverse(root))));
-      bracket = previous_->k_A + m.k_R_root;
-      if (Qe_inverse.rows() > 0) bracket += ratio * (previous_->k_Q_root + previous_->k_A);
+        loss.spread = std::sqrt(condition(Qe_inverse, inverse_from_root_inverse(lower_inverse(root))));
     } else {
       const Matrix<T> Y0 = information_of_start();
       for (Index j = 0; j < annexed.cols(); ++j)
         for (Index i = 0; i < annexed.rows(); ++i) annexed(i, j) += Y0(i, j);
     }
     const T left = two_norm(Y);
-    if (left == 0) return bracket;
-    const double inverse_cosine = reference::round_to_double(T(sqrt(T(two_norm(annexed) / left))));
-    return bracket * std::max(1.0, inverse_cosine);
+    if (left > 0)
+      loss.inverse_cosine = std::max(1.0, reference::round_to_double(T(sqrt(T(two_norm(annexed) / left)))));
+    return loss;
   }
 
   Matrix<T> information_of_start() const {

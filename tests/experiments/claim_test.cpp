@@ -373,7 +373,7 @@ TEST(Claims, InnovationConditioningFollowsItsDecadesAndFrames) {
   const auto& figure = result.findings.figures.front();
   // k(Re^1/2) is near the ladder's 10^c.
   const auto& x = curve_called(figure, "srcf").x;
-  EXPECT_EQ(x.size(), 9u);
+  EXPECT_EQ(x.size(), 17u);
   EXPECT_NEAR(std::log10(x.back()), 4, .3);
   EXPECT_NE(figure.caption.find("Medians of 7 random frames"), std::string::npos) << figure.caption;
   EXPECT_EQ(check_called(result, "ckf: slope of the error of K").predicted, 2);

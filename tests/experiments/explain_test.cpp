@@ -89,6 +89,43 @@ TEST(Explain, TellsAnAsymmetry) {
   EXPECT_NE(story(explained.filters[1]).find("Its error is an asymmetry"), std::string::npos);
 }
 
+// One step inverts an A of condition number 2^30; the others are the identity.
+TEST(Explain, NamesWhatCostsAnInformationForm) {
+  const auto system = properties::read_system_text(R"(
+name = "nearly-singular"
+A = { list = [[[1, 0], [0, 1]], [[1, 0], [0, 1]], [[1, 1], [1, "1 + 2^-29"]], [[1, 0], [0, 1]]] }
+B = [[1, 0], [0, 1]]
+C = [[1, 0], [0, 1]]
+Q = { identity = 2 }
+R = { identity = 2 }
+P0 = { identity = 2 }
+steps = 4
+)",
+                                                   properties::Format::toml, "test");
+  const Explained explained = explain(system, select_filters("^(srif|ckf)$"), {});
+  const Explanation &ckf = explained.filters[0], &srif = explained.filters[1];
+  ASSERT_EQ(srif.filter->id, "srif");
+  ASSERT_FALSE(srif.losses.empty());
+  const Loss& most = srif.losses.front();
+  EXPECT_EQ(most.step, 3) << "step k takes A of k - 1";
+  EXPECT_NEAR(std::log2(most.information.A), 31, 1);  // k(A) = 4 / 2^-29
+  EXPECT_GT(most.digits, srif.lost / 2);
+  EXPECT_LT(ckf.lost, 2) << "it inverts no A";
+  EXPECT_NE(story(srif).find("k(A) = "), std::string::npos) << story(srif);
+  EXPECT_NE(story(srif).find("A is inverted"), std::string::npos) << story(srif);
+  EXPECT_EQ(loss_table(explained).rows[1].size(), loss_table(explained).header.size());
+  // What is stored says the same.
+  const auto read = std::get<StoredRun>(read_results(run_json({explained.run}), "results.json"));
+  const Explained stored = explain(read.systems.front());
+  EXPECT_EQ(stored.filters[1].sentences.front(), srif.sentences.front());
+}
+
+// A weak prior: what is held is right, and P, made from it, is not.
+TEST(Explain, KnowsThatPIsMadeFromAnInformationRoot) {
+  const Explained explained = explain(find_system("weak-prior", {}), select_filters("^(srif|information)$"), {});
+  for (const Explanation& e : explained.filters) EXPECT_NE(story(e).find("k(T) = "), std::string::npos) << story(e);
+}
+
 TEST(Explain, TellsWhatWasRefusedAndWhatBrokeDown) {
   const Explained explained = explain_late("^(csrf|ckf)$");
   ASSERT_EQ(explained.filters.size(), 2u);
