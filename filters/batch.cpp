@@ -22,7 +22,7 @@ SquareRootCovarianceBatch::SquareRootCovarianceBatch(Index count, Dimensions d, 
       y_((count + 7) / 8, d.p, 1), Du_(x_),
       kernel_work_(static_cast<std::size_t>(kernels::batch_step_work(d.n, d.m, d.p))),
       reports_(static_cast<std::size_t>(count)), alone_(d, tolerance), factor_(d.n, d.n), state_(d.n), output_(d.p),
-      input_(d.n), work_(d.p), sign_(d.p) {
+      input_(d.n) {
   model_.A.resize(d.n, d.n);
   model_.B.resize(d.n, d.m);
   model_.C.resize(d.p, d.n);
@@ -74,6 +74,7 @@ void SquareRootCovarianceBatch::step(bool with_data, Wanted wanted) {
                                            .S_next = next_.of(group),
                                            .Re = next_Re_root_.of(group),
                                            .K = wanted == Wanted::factor ? nullptr : next_gain_.of(group),
+                                           .rcond = wanted == Wanted::all ? &rcond_ : nullptr,
                                            .x_next = next_x_.of(group),
                                            .work = kernel_work_.data()});
     for (Index lane = 0; lane < in_group; ++lane) {
@@ -85,8 +86,7 @@ void SquareRootCovarianceBatch::step(bool with_data, Wanted wanted) {
       auto& report = reports_[static_cast<std::size_t>(i)];
       report = {Status::ok, std::numeric_limits<double>::quiet_NaN()};
       if (wanted != Wanted::all) continue;  // a zero pivot made the gain infinite, and the kernel gave up
-      next_Re_root_.get(i, model_.R_root);
-      report.rcond = reciprocal_condition_triangular<Triangle::lower>(model_.R_root, work_, sign_);
+      report.rcond = rcond_.lane[lane];
       if (report.rcond >= tolerance_) continue;
       report.status = Status::singular_innovation;
       keep(i);

@@ -103,6 +103,30 @@ KFSTAB_INLINE void reflect_lanes(const Rows& rows, Index end, Index first, Index
              [&](auto R, Index i) KFSTAB_INLINED { update_rows<decltype(R)::value>(rows, i, first, skip, f, w); });
 }
 
+KFSTAB_INLINE V magnitude(V x) { return x < 0 ? -x : x; }
+KFSTAB_INLINE V larger(V x, V y) { return x > y ? x : y; }
+
+/// 1 / (||L||_1 ||L^{-1}||_1) of L, p x p, lower, in the first rows of `head`. L^{-1} is formed, column after column: p^3/6
+/// multiply-adds are little beside the array, and no lane goes a way of its own, as an estimate would have it.
+/// @param inverses  1 / L_jj    @param x  p, workspace
+KFSTAB_INLINE V rcond_of_root(const V* head, Index distance, Index p, const V* inverses, V* x) {
+  V norm{}, inverse_norm{};
+  for (Index j = 0; j < p; ++j) {
+    V sum = magnitude(head[j * distance + j]), inverse_sum = magnitude(inverses[j]);
+    x[j] = inverses[j];
+    for (Index i = j + 1; i < p; ++i) {
+      sum += magnitude(head[j * distance + i]);
+      V product{};
+      for (Index k = j; k < i; ++k) product = fma(head[k * distance + i], x[k], product);
+      x[i] = -product * inverses[i];
+      inverse_sum += magnitude(x[i]);
+    }
+    norm = larger(norm, sum);
+    inverse_norm = larger(inverse_norm, inverse_sum);
+  }
+  return p > 0 ? 1 / (norm * inverse_norm) : 1 + V{};
+}
+
 /// All lanes of `lanes`. Which of them gave up: all bits of such a lane are set.
 KFSTAB_INLINE Lanes batch_lanes(const BatchStep& step, const LanesOf& lanes) {
   const Index n = step.n, m = step.m, p = step.p, end = p + n, columns = n + m;
@@ -167,9 +191,13 @@ KFSTAB_INLINE Lanes batch_lanes(const BatchStep& step, const LanesOf& lanes) {
     for (Index i = j; i < n; ++i) put(step.S_next[i + j * n], X[j * end + p + i]);
   for (Index j = 0; j < p; ++j)
     for (Index i = j; i < p; ++i) put(step.Re[i + j * p], head[j * end + i]);
+  V* const inverses = f + end;  // of the diagonal of Re
+  if (step.K || step.rcond)
+    for (Index j = 0; j < p; ++j) inverses[j] = 1 / head[j * end + j];
+  if (step.rcond) lanes.put(*step.rcond, rcond_of_root(head, end, p, inverses, inverses + p));
   if (step.K)
     for (Index j = p - 1; j >= 0; --j) {
-      const V inverse = 1 / head[j * end + j];
+      const V inverse = inverses[j];
       for (Index i = p; i < end; ++i) {
         V sum = head[j * end + i];
         for (Index k = j + 1; k < p; ++k) sum = fma(-head[j * end + k], head[k * end + i], sum);
@@ -178,7 +206,7 @@ KFSTAB_INLINE Lanes batch_lanes(const BatchStep& step, const LanesOf& lanes) {
       }
     }
   if (step.x) {
-    V* const innovation = f + end;
+    V* const innovation = inverses + p;
     for (Index i = 0; i < p; ++i) {
       V sum = lanes.get(step.y[i]);
       for (Index k = 0; k < n; ++k) sum = fma(-lanes.get(step.C[i + k * p]), lanes.get(step.x[k]), sum);

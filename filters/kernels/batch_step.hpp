@@ -17,10 +17,11 @@ struct BatchStep {
   const Eight *x = nullptr, *y = nullptr, *Du = nullptr;  ///< n, p, n; null: no state is wanted
   Eight *S_next = nullptr, *Re = nullptr;                 ///< their lower triangles are written
   Eight* K = nullptr;                                     ///< null: no gain is wanted
+  Eight* rcond = nullptr;                                 ///< of Re, 1 / (||Re||_1 ||Re^{-1}||_1), no estimate; null: not wanted
   Eight* x_next = nullptr;                                ///< n
   Eight* work = nullptr;                                  ///< batch_step_work(n, m, p) of them
 };
 
-constexpr Index batch_step_work(Index n, Index m, Index p) { return (n + p) * (n + m + p + 2) + p; }
+constexpr Index batch_step_work(Index n, Index m, Index p) { return (n + p) * (n + m + p + 2) + 2 * p; }
 
 }  // namespace kfstab::kernels
