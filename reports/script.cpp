@@ -81,7 +81,8 @@ constexpr std::array<std::string_view, 7> colors{"#0072B2", "#D55E00", "#009E73"
                                                  "#E69F00", "#56B4E9", "#000000"};
 constexpr std::array<std::string_view, 5> dashes{"1", "(14,5)", "(3,4)", "(14,4,3,4)", "(7,4)"};
 constexpr std::array<std::string_view, 4> theory_dashes{"(8,5)", "(2,3)", "(14,4,2,4)", "(18,8)"};
-constexpr std::array<int, 11> markers{7, 5, 9, 11, 13, 6, 4, 8, 10, 12, 2};
+constexpr int cross = 2;
+constexpr std::array<int, 11> markers{7, 5, 9, 11, 13, 6, 4, 8, 10, 12, cross};
 
 // Lightness apart; dashes and markers tell the rest.
 constexpr std::array<std::string_view, 4> greys{"#000000", "#6e6e6e", "#3c3c3c", "#949494"};
@@ -101,7 +102,9 @@ std::string style_of(const Curve& curve, int slot, int order, const Scale& y, bo
     case CurveRole::theory:
       return fmt::format("lines lc rgb '{}' lw 1.5 dt {}", slot < 0 ? "#333333" : color(), pick(theory_dashes, order));
     case CurveRole::measured_points:
-      return fmt::format("points lc rgb '{}' lw 1.5 pt {} ps 1.2*marker", color(), pick(markers, slot));
+      // A cross marks what other curves have a marker at, too: its arms must be seen.
+      return fmt::format("points lc rgb '{}' lw 1.5 pt {} ps {}*marker", color(), pick(markers, slot),
+                         pick(markers, slot) == cross ? 2.2 : 1.2);
     case CurveRole::measured_line: break;
   }
   // Intervals differ, so that the markers of curves that lie upon each other do not.
