@@ -86,7 +86,10 @@ class SquareRootInformationFilter {
     if (y) right_hand_side(model, u);
     S rcond = std::numeric_limits<S>::quiet_NaN();
     if (all_by_kernel(model, next, y, wanted, rcond)) {
-      if (wanted == Wanted::all && !(rcond >= tolerance_)) {
+      bool regular = wanted != Wanted::all || rcond >= tolerance_;
+      if (wanted == Wanted::gain)  // without outputs and data nothing was divided by it
+        for (Index j = 0; j < T_.rows(); ++j) regular = regular && next_(j, j) != S(0);
+      if (!regular) {
         const auto report = failed(Status::singular_information, rcond, model, y, u);
         return failed(report.status, rcond, next);
       }

@@ -13,15 +13,12 @@ namespace kfstab::kernels::KFSTAB_KERNELS {
 inline constexpr Index greatest_inverse = 8 * width;
 
 KFSTAB_INLINE V magnitude(V x) { return (V)((Lanes)x & 0x7fffffffffffffff); }
-/// NaN where x is.
-KFSTAB_INLINE V larger(V x, V most) { return x <= most ? most : x; }
+/// NaN where one of them is.
+KFSTAB_INLINE V larger(V x, V most) { return (x > most) | (x != x) ? x : most; }
+KFSTAB_INLINE double larger(double x, double most) { return x > most || x != x ? x : most; }
 KFSTAB_INLINE double largest_lane(V x) {
-  double most = 0;
-  for (Index l = 0; l < width; ++l)
-    if (!(x[l] <= most)) most = x[l];
-  return most;
+  return fold_lanes(x, [](V a, V b) KFSTAB_INLINED { return larger(b, a); }, AllLanes{})[0];
 }
-KFSTAB_INLINE double larger(double x, double most) { return x <= most ? most : x; }
 /// In lane l the sum of the lanes of x[l].
 KFSTAB_INLINE V sums_of_lanes(V (&x)[width]) {
   transpose(x);
@@ -138,7 +135,7 @@ __attribute__((noinline)) inline double estimate_of_inverse(const V* L, Index K,
     for (Index k = 0; k < K; ++k) x(0, k) = k == at ? splat(1) : V{};
     solve(false);
     const double before = estimate, now = sum(0);
-    if (!(now <= estimate)) estimate = now;
+    estimate = larger(now, estimate);
     if (signs() || !(now > before)) break;
     for (Index k = 0; k < K; ++k) x(0, k) = sign(0, k);
     solve(true);
@@ -146,7 +143,7 @@ __attribute__((noinline)) inline double estimate_of_inverse(const V* L, Index K,
     if (!(magnitude(x(0, next))[0] > magnitude(x(0, at))[0])) break;
     at = next;
   }
-  return alternative <= estimate ? estimate : alternative;
+  return larger(alternative, estimate);
 }
 
 /// 1 for K = 0; 0 where L is singular to the point of overflow.

@@ -193,14 +193,16 @@ KFSTAB_INLINE void divide_strips_transposed(const Strips& x, const V* L, Index K
   }
 }
 
-/// The sum of all lanes, in each.
-template <Index half = width / 2, Index... L>
-KFSTAB_INLINE V sum_in_lanes(V x, LaneList<L...> lanes) {
-  x += __builtin_shufflevector(x, x, (L ^ half)...);
-  if constexpr (half > 1) return sum_in_lanes<half / 2>(x, lanes);
+/// f of all lanes, two and two, in each.
+template <Index half = width / 2, class F, Index... L>
+KFSTAB_INLINE V fold_lanes(V x, F&& f, LaneList<L...> lanes) {
+  x = f(x, __builtin_shufflevector(x, x, (L ^ half)...));
+  if constexpr (half > 1) return fold_lanes<half / 2>(x, f, lanes);
   return x;
 }
-KFSTAB_INLINE double sum_of_lanes(V x) { return sum_in_lanes(x, AllLanes{})[0]; }
+KFSTAB_INLINE double sum_of_lanes(V x) {
+  return fold_lanes(x, [](V a, V b) KFSTAB_INLINED { return a + b; }, AllLanes{})[0];
+}
 
 /// Which strips of a symmetric product are wanted.
 enum class Part { all, lower, upper };

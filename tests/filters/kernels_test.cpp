@@ -514,7 +514,9 @@ TEST(Kernels, OfTheInformationFormsLeaveStatusesAsTheyAre) {
           }
         }
   };
-  for (const Dimensions& d : {Dimensions{4, 2, 2}, Dimensions{20, 10, 11}, Dimensions{40, 5, 3}}) {
+  // Without outputs, rcond alone tells that T is singular.
+  for (const Dimensions& d : {Dimensions{4, 2, 2}, Dimensions{20, 10, 11}, Dimensions{40, 5, 3}, Dimensions{70, 6, 9},
+                              Dimensions{3, 1, 0}, Dimensions{30, 4, 0}}) {
     check("sound", d, [](Model&, Matrix<double>&) {});
     for (const double scale : {1e-300, 1e300})
       check("scaled", d, [&](Model& model, Matrix<double>& T0) {
@@ -522,11 +524,18 @@ TEST(Kernels, OfTheInformationFormsLeaveStatusesAsTheyAre) {
         model.Q_inverse_root *= scale;
         model.R_inverse_root *= scale;
       });
-    check("a row of R^{-1/2}", d, [](Model& model, Matrix<double>&) { model.R_inverse_root.row(0) *= 1e-290; });
+    if (d.p > 0)
+      check("a row of R^{-1/2}", d, [](Model& model, Matrix<double>&) { model.R_inverse_root.row(0) *= 1e-290; });
     check("singular", d, [](Model& model, Matrix<double>& T0) {
       T0.setZero();
       model.A_inverse.setZero();
       model.C.setZero();
+    });
+    check("a zero pivot among others", d, [](Model& model, Matrix<double>& T0) {
+      T0.col(1).setZero();
+      model.A_inverse.setIdentity();
+      model.A_inverse_B.setZero();
+      model.C.col(1).setZero();
     });
     const auto weaken = [](Model& model, Matrix<double>& T0) {
       T0 *= 1e-20;
