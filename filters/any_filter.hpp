@@ -10,6 +10,26 @@
 
 namespace kfstab {
 
+/// A matrix that a filter shows. It looks like a pointer to it, null where there is none; but a filter that holds the matrix in
+/// other coordinates makes it when it is looked at for the first time, and a step that nobody looks at does not pay for it.
+template <class Scalar>
+class Shown {
+ public:
+  using Make = const Matrix<Scalar>& (*)(void* filter);
+
+  Shown(const Matrix<Scalar>* matrix = nullptr) : matrix_(matrix) {}
+  Shown(Make make, void* filter) : make_(make), filter_(filter) {}
+
+  explicit operator bool() const { return matrix_ || make_; }
+  const Matrix<Scalar>& operator*() const { return matrix_ ? *matrix_ : make_(filter_); }
+  const Matrix<Scalar>* operator->() const { return &**this; }
+
+ private:
+  const Matrix<Scalar>* matrix_ = nullptr;
+  Make make_ = nullptr;
+  void* filter_ = nullptr;
+};
+
 /// What a filter has after step k, seen without a copy; valid until its next step.
 ///
 /// After step k a filter that predicts holds P_{k+1|k} and x_{k+1|k}, one that filters P_{k|k} and x_{k|k}
@@ -17,7 +37,7 @@ namespace kfstab {
 template <class Scalar>
 struct Step {
   StepReport<Scalar> report;
-  const Matrix<Scalar>* held = nullptr;   ///< metadata.holds; of a triangle only that counts. Null for Held::gain.
+  Shown<Scalar> held = {};                ///< metadata.holds; of a triangle only that counts. Null for Held::gain.
   const Matrix<Scalar>* gain = nullptr;   ///< n x p: metadata.gain
   const Vector<Scalar>* state = nullptr;  ///< null in a run without data
 };

@@ -37,11 +37,12 @@ class HessenbergSquareRootCovarianceFilter {
   /// @param tolerance  least reciprocal condition number of Re^{1/2} that counts as regular; <= 0 means p^2 u
   explicit HessenbergSquareRootCovarianceFilter(Dimensions d = {N, M, P}, S tolerance = S(0))
       : tolerance_(tolerance > S(0) ? tolerance : default_tolerance<S>(d.p)), band_(d.p > 0 ? d.p : d.n),
-        U_(d.n, d.n), A_(d.n, d.n), S_(d.n, d.n), next_(d.n, d.n), factor_(d.n, d.n), BQ_(d.n, d.m), C_(d.p, d.n),
+        U_(d.n, d.n), A_(d.n, d.n), S_(d.n, d.n), next_(d.n, d.n), factor_(d.n, d.n), U_transposed_(d.n, d.n),
+        BQ_(d.n, d.m), C_(d.p, d.n),
         CS_(d.p, d.n), BQ_AS_(d.n, d.m + d.n), Re_root_(d.p, d.p), next_Re_root_(d.p, d.p), G_(d.n, d.p),
         gain_(d.n, d.p), next_gain_(d.n, d.p), tau_(std::max(d.n, d.p)), x_(d.n), next_x_(d.n), innovation_(d.p),
         work_(d.p), sign_(d.p),
-        kernel_work_(kernels::work_size<S>(d.n, d.m, d.p)) {
+        kernel_work_(kernels::work_size<S, N, M, P, false>(d.n, d.m, d.p)) {
     system_.A.resize(d.n, d.n);
     system_.B.resize(d.n, d.m);
     system_.C.resize(d.p, d.n);
@@ -81,7 +82,8 @@ class HessenbergSquareRootCovarianceFilter {
     if (!reduced_ && !reduce(model)) return failed(Status::overflow, S(0), model, y, u);
     if (wanted == Wanted::factor) y = nullptr;
 
-    const bool by_kernel = array_by_kernel(model, wanted);
+    S rcond = std::numeric_limits<S>::quiet_NaN();
+    const bool by_kernel = array_by_kernel(model, wanted, rcond);
     if (!by_kernel) {
       auto AS = BQ_AS_.rightCols(S_.rows());
       BQ_AS_.leftCols(BQ_.cols()) = BQ_;
@@ -90,8 +92,8 @@ class HessenbergSquareRootCovarianceFilter {
       copy_lower(model.R_root, next_Re_root_);
       structured_lq(Shape::trapezoidal, next_Re_root_, CS_, AS, G_, tau_);
     }
-    const auto report =
-        divide_by_innovation_root(next_Re_root_, wanted, tolerance_, by_kernel, G_, work_, sign_);
+    const auto report = by_kernel ? divided_by_innovation_root(wanted, tolerance_, rcond)
+                                  : divide_by_innovation_root(next_Re_root_, wanted, tolerance_, G_, work_, sign_);
     if (!report) return failed(report.status, report.rcond, model, y, u);
     if (!by_kernel) {
       hessenberg_lq(BQ_.cols() + band_, BQ_AS_, tau_);
@@ -142,15 +144,26 @@ class HessenbergSquareRootCovarianceFilter {
 
   /// All of the array of a step, and the gain if it is wanted, in the coordinates of the model; false if there are no kernels,
   /// or they gave up.
-  bool array_by_kernel([[maybe_unused]] const Model& model, [[maybe_unused]] Wanted wanted) {
+  bool array_by_kernel([[maybe_unused]] const Model& model, [[maybe_unused]] Wanted wanted, [[maybe_unused]] S& rcond) {
     if constexpr (kernels::exist<S>) {
       using kernels::source, kernels::target;
-      return kernels::run({.n = S_.rows(), .m = BQ_.cols(), .p = next_Re_root_.rows(), .A_band = band_, .C_band = 0,
-                           .A = source(A_), .B = source(BQ_), .C = source(C_), .S = source(S_),
-                           .R = source(model.R_root), .U = source(U_), .S_next = target(next_),
-                           .Re = target(next_Re_root_),
-                           .K = wanted == Wanted::factor ? kernels::Target{} : target(next_gain_),
-                           .work = kernel_work_.data()});
+      return kernels::run_sized<N, M, P, false, false>(
+          {.n = S_.rows(),
+           .m = BQ_.cols(),
+           .p = next_Re_root_.rows(),
+           .A_band = band_,
+           .C_band = 0,
+           .A = source(A_),
+           .B = source(BQ_),
+           .C = source(C_),
+           .S = source(S_),
+           .R = source(model.R_root),
+           .U_transposed = source(U_transposed_),
+           .S_next = target(next_),
+           .Re = target(next_Re_root_),
+           .K = wanted == Wanted::factor ? kernels::Target{} : target(next_gain_),
+           .rcond_of_Re = wanted == Wanted::all ? &rcond : nullptr,
+           .work = kernel_work_.data()});
     }
     return false;
   }
@@ -161,6 +174,7 @@ class HessenbergSquareRootCovarianceFilter {
     C_ = model.C;
     U_.setIdentity();
     observer_hessenberg(Triangle::lower, A_, C_, U_.transpose());
+    if constexpr (kernels::exist<S>) U_transposed_ = U_.transpose();
     auto BQ = BQ_AS_.leftCols(BQ_.cols());
     model.process_noise_root(BQ);
     BQ_.noalias() = U_.lazyProduct(BQ);
@@ -186,6 +200,7 @@ class HessenbergSquareRootCovarianceFilter {
   bool reduced_ = false, has_factor_ = true;
   Model system_;
   Matrix<S, N, N> U_, A_, S_, next_, factor_;
+  Matrix<S, N, N> U_transposed_;  // as kernels want it
   Matrix<S, N, M> BQ_;
   Matrix<S, P, N> C_, CS_;
   Matrix<S, N, columns> BQ_AS_;

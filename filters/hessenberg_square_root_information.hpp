@@ -39,11 +39,12 @@ class HessenbergSquareRootInformationFilter {
   /// @param tolerance  least reciprocal condition number of T that counts as regular; <= 0 means n^2 u
   explicit HessenbergSquareRootInformationFilter(Dimensions d = {N, M, P}, S tolerance = S(0))
       : tolerance_(tolerance > S(0) ? tolerance : default_tolerance<S>(d.n)), band_(d.m > 0 ? d.m : d.n),
-        U_(d.n, d.n), F_(d.n, d.n), T_(d.n, d.n), next_(d.n, d.n), factor_(d.n, d.n), H_(d.n, d.m), TH_(d.n, d.m),
+        U_(d.n, d.n), F_(d.n, d.n), T_(d.n, d.n), next_(d.n, d.n), factor_(d.n, d.n),
+        U_transposed_(d.n, d.n), CR_inverse_(d.n, d.p), H_(d.n, d.m), TH_(d.n, d.m),
         over_(d.m, d.n), Qe_root_(d.m, d.m), C_weighted_(d.p, d.n), CR_TF_(d.p + d.n, d.n), gain_(d.n, d.p),
         condensed_gain_(d.n, d.p), next_gain_(d.n, d.p), right_(d.p + d.n), z_(d.m), w_(d.m), tau_(d.m), x_(d.n),
         next_x_(d.n), moved_(d.n), e_(d.p), work_(d.n), sign_(d.n), weighted_y_(d.p),
-        kernel_work_(kernels::work_size<S>(d.n, d.p, d.m)) {
+        kernel_work_(kernels::work_size<S, N, P, M, true>(d.n, d.p, d.m)) {
     system_.A_inverse.resize(d.n, d.n);
     system_.A_inverse_B.resize(d.n, d.m);
     system_.C.resize(d.p, d.n);
@@ -96,7 +97,16 @@ class HessenbergSquareRootInformationFilter {
       }
       multiply_upper(next.R_inverse_root, *y, weighted_y_);
     }
-    if (array_by_kernel(model, y != nullptr)) return finish(model, next, y, u, wanted);
+    S rcond = std::numeric_limits<S>::quiet_NaN();
+    if (all_by_kernel(model, y != nullptr, wanted, rcond)) {
+      bool regular = wanted != Wanted::all || rcond >= tolerance_;
+      if (wanted == Wanted::gain)  // without outputs and data nothing was divided by it
+        for (Index j = 0; j < T_.rows(); ++j) regular = regular && next_(j, j) != S(0);
+      if (!regular)
+        return blame(Status::singular_information, rcond, model, next, y, u);
+      accept(y != nullptr, wanted != Wanted::factor);
+      return {Status::ok, rcond};
+    }
 
     const Index n = T_.rows(), m = H_.cols();
     auto TF = CR_TF_.bottomRows(n);
@@ -160,7 +170,8 @@ class HessenbergSquareRootInformationFilter {
   /// ok if both models are the one that is known, after this call if none was before.
   Status recognise(const Model& model, const Model& next) {
     if (!reduced_ && !reduce(model)) return Status::overflow;
-    return model.same_system(system_) && next.same_system(system_) ? Status::ok : Status::time_varying_model;
+    const bool known = model.same_system(system_) && (&next == &model || next.same_system(system_));
+    return known ? Status::ok : Status::time_varying_model;
   }
 
   /// Condenses the model and brings T into its coordinates; false, and nothing is kept, if the result is not finite.
@@ -173,6 +184,15 @@ class HessenbergSquareRootInformationFilter {
     multiply_upper(model.R_inverse_root, model.C, CR);
     C_weighted_.noalias() = CR.lazyProduct(U_.transpose());
     triangularise(U_.transpose(), factor_, T_);
+    if constexpr (kernels::exist<S>) {
+      U_transposed_ = U_.transpose();
+      for (Index j = 0; j < e_.size(); ++j)
+        for (Index i = 0; i < T_.rows(); ++i) {
+          S sum(0);
+          for (Index k = 0; k <= j; ++k) sum += C_weighted_(k, i) * model.R_inverse_root(k, j);
+          CR_inverse_(i, j) = sum;
+        }
+    }
     if (!all_finite(F_) || !all_finite(H_) || !all_finite(C_weighted_) || !all_finite(T_) || !model.finite()) {
       U_.setIdentity();
       T_ = factor_;
@@ -204,24 +224,39 @@ class HessenbergSquareRootInformationFilter {
     return xi;
   }
 
-  /// All of the array of a step, its right-hand side if there is a state; false if there are no kernels, or they gave up.
-  bool array_by_kernel([[maybe_unused]] const Model& model, [[maybe_unused]] bool has_state) {
+  /// All of a step but what its report says; false if there are no kernels, or they gave up: where something is singular or
+  /// not finite, too.
+  bool all_by_kernel([[maybe_unused]] const Model& model, [[maybe_unused]] bool has_state, [[maybe_unused]] Wanted wanted,
+                     [[maybe_unused]] S& rcond) {
     if constexpr (kernels::exist<S>) {
       using kernels::source, kernels::target;
       const Index n = T_.rows();
-      kernels::ArrayStep step{.n = n, .m = e_.size(), .p = H_.cols(), .A_band = band_, .C_band = 0, .transposed = true,
-                              .A = source(F_), .B = source(C_weighted_), .C = source(H_), .S = source(T_),
-                              .R = source(model.Q_inverse_root), .S_next = target(next_), .Re = target(Qe_root_),
+      kernels::ArrayStep step{.n = n,
+                              .m = e_.size(),
+                              .p = H_.cols(),
+                              .A_band = band_,
+                              .C_band = 0,
+                              .transposed = true,
+                              .A = source(F_),
+                              .B = source(C_weighted_),
+                              .C = source(H_),
+                              .S = source(T_),
+                              .R = source(model.Q_inverse_root),
+                              .U_transposed = source(U_transposed_),
+                              .S_next = target(next_),
+                              .Re = target(Qe_root_),
+                              .QQB = source(CR_inverse_),
+                              .Kf = wanted == Wanted::factor ? kernels::Target{} : target(next_gain_),
+                              .rcond_of_T = wanted == Wanted::all ? &rcond : nullptr,
                               .work = kernel_work_.data()};
-      if (has_state) {
-        work_.noalias() = U_.lazyProduct(moved_);
-        step.x = work_.data();
-        step.y = weighted_y_.data();
-        step.z = z_.data();
-        step.xi = right_.data();
-        step.e = right_.data() + n;
-      }
-      return kernels::run(step);
+      if (!has_state) return kernels::run_sized<N, P, M, false, true>(step);
+      step.x = moved_.data();
+      step.y = weighted_y_.data();
+      step.z = z_.data();
+      step.xi = right_.data();
+      step.e = right_.data() + n;
+      step.x_next = next_x_.data();
+      return kernels::run_sized<N, P, M, true, true>(step);
     }
     return false;
   }
@@ -240,7 +275,7 @@ class HessenbergSquareRootInformationFilter {
 
   /// The step's end: what is made of T+, in next_, and of (xi; e), in right_.
   StepReport<S> finish(const Model& model, const Model& next, const Output* y, const Input* u, Wanted wanted) {
-    const Index n = T_.rows(), p = e_.size();
+    const Index n = T_.rows();
     const bool has_gain = wanted != Wanted::factor;
     const bool finite = all_finite(next_);
     S rcond = finite ? std::numeric_limits<S>::quiet_NaN() : S(0);
@@ -264,14 +299,18 @@ class HessenbergSquareRootInformationFilter {
     }
     if ((has_gain && !all_finite(next_gain_)) || (y && !all_finite(next_x_)))
       return blame(Status::overflow, rcond, model, next, y, u);
+    accept(y != nullptr, has_gain);
+    return {Status::ok, rcond};
+  }
+
+  void accept(bool has_state, bool has_gain) {
     T_.swap(next_);
     has_factor_ = false;
     if (has_gain) gain_.swap(next_gain_);
-    if (y) {
+    if (has_state) {
       x_.swap(next_x_);
-      e_ = right_.tail(p);
+      e_ = right_.tail(e_.size());
     }
-    return {Status::ok, rcond};
   }
 
   S tolerance_;
@@ -279,6 +318,8 @@ class HessenbergSquareRootInformationFilter {
   bool reduced_ = false, has_factor_ = true;
   Model system_;
   Matrix<S, N, N> U_, F_, T_, next_, factor_;
+  Matrix<S, N, N> U_transposed_;  // as kernels want it, and U C' R^{-1}
+  Matrix<S, N, P> CR_inverse_;
   Matrix<S, N, M> H_, TH_;
   Matrix<S, M, N> over_;
   Matrix<S, M, M> Qe_root_;

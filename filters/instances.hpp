@@ -65,9 +65,15 @@ class FilterOf final : public AnyFilter<typename Filter::Scalar> {
   }
 
  private:
-  /// What a class holds is what it has a name for.
-  const Matrix<Scalar>* held() {
-    if constexpr (requires { filter_.covariance(); }) return &filter_.covariance();
+  /// What a class holds is what it has a name for. A condensed form makes it of what it has, O(n^3), when somebody looks.
+  Shown<Scalar> held() {
+    if constexpr (requires { filter_.condensed_factor(); })
+      return {[](void* filter) -> const Matrix<Scalar>& {
+                if constexpr (requires(Filter& f) { f.factor(); }) return static_cast<Filter*>(filter)->factor();
+                else return static_cast<Filter*>(filter)->information_factor();
+              },
+              &filter_};
+    else if constexpr (requires { filter_.covariance(); }) return &filter_.covariance();
     else if constexpr (requires { filter_.factor(); }) return &filter_.factor();
     else if constexpr (requires { filter_.covariance_root(); }) return &filter_.covariance_root();
     else if constexpr (requires { filter_.ud_factors(); }) return &filter_.ud_factors();

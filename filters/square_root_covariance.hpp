@@ -20,9 +20,9 @@ namespace kfstab {
 /// @param work, sign  p each
 /// Statuses: singular_innovation, overflow. rcond is that of Re_root.
 template <class S, class ReType, class GType, class WorkType>
-StepReport<S> divide_by_innovation_root(const ReType& Re_root, Wanted wanted, const S& tolerance, bool divided,
-                                        GType& G, WorkType& work, WorkType& sign) {
-  if (!divided && !all_finite(Re_root)) return {Status::overflow, S(0)};
+StepReport<S> divide_by_innovation_root(const ReType& Re_root, Wanted wanted, const S& tolerance, GType& G, WorkType& work,
+                                        WorkType& sign) {
+  if (!all_finite(Re_root)) return {Status::overflow, S(0)};
   S rcond = std::numeric_limits<S>::quiet_NaN();
   if (wanted == Wanted::factor) return {Status::ok, rcond};
   if (wanted == Wanted::all) {
@@ -32,9 +32,14 @@ StepReport<S> divide_by_innovation_root(const ReType& Re_root, Wanted wanted, co
     for (Index j = 0; j < Re_root.cols(); ++j)
       if (Re_root(j, j) == S(0)) return {Status::singular_innovation, rcond};
   }
-  if (divided) return {Status::ok, rcond};
   solve_triangular_right<Triangle::lower, false>(Re_root, G);
   return {all_finite(G) ? Status::ok : Status::overflow, rcond};
+}
+
+/// The same, where a kernel has divided: it gives up where the gain is not finite, so nothing but rcond is left to be seen to.
+template <class S>
+StepReport<S> divided_by_innovation_root(Wanted wanted, const S& tolerance, const S& rcond) {
+  return {wanted == Wanted::all && !(rcond >= tolerance) ? Status::singular_innovation : Status::ok, rcond};
 }
 
 /// The square-root covariance filter: it holds S, lower, P = S S', and never forms P.
@@ -89,7 +94,8 @@ class SquareRootCovarianceFilter {
   StepReport<S> step(const Model& model, const Output* y = nullptr, const Input* u = nullptr,
                      Wanted wanted = Wanted::all) {
     if (wanted == Wanted::factor) y = nullptr;
-    const bool by_kernel = array_by_kernel(model, wanted);
+    S rcond = std::numeric_limits<S>::quiet_NaN();
+    const bool by_kernel = array_by_kernel(model, wanted, rcond);
     if (!by_kernel) {
       auto AS = AS_BQ_.leftCols(S_.rows());
       multiply_lower(model.A, S_, AS);
@@ -97,7 +103,8 @@ class SquareRootCovarianceFilter {
       annihilate(model, AS, next_predictor_gain_);
     }
     const auto report =
-        divide_by_innovation_root(next_Re_root_, wanted, tolerance_, by_kernel, next_predictor_gain_, work_, sign_);
+        by_kernel ? divided_by_innovation_root(wanted, tolerance_, rcond)
+                  : divide_by_innovation_root(next_Re_root_, wanted, tolerance_, next_predictor_gain_, work_, sign_);
     if (!report) return failed(report.status, report.rcond, model, y);
     if (!by_kernel) {
       lq(AS_BQ_, tau_);
@@ -121,7 +128,7 @@ class SquareRootCovarianceFilter {
     updated = S_;
     annihilate(model, updated, next_filter_gain_);
     const auto report =
-        divide_by_innovation_root(next_Re_root_, Wanted::all, tolerance_, false, next_filter_gain_, work_, sign_);
+        divide_by_innovation_root(next_Re_root_, Wanted::all, tolerance_, next_filter_gain_, work_, sign_);
     if (!report) return failed(report.status, report.rcond, model, y);
     lq(updated, tau_);
     copy_lower(updated, next_);
@@ -162,7 +169,7 @@ class SquareRootCovarianceFilter {
   static constexpr int columns = N == Dynamic || M == Dynamic ? Dynamic : N + M;
 
   /// All of the array of a step, gain included if it is wanted; false if there are no kernels, or they gave up.
-  bool array_by_kernel([[maybe_unused]] const Model& model, [[maybe_unused]] Wanted wanted) {
+  bool array_by_kernel([[maybe_unused]] const Model& model, [[maybe_unused]] Wanted wanted, [[maybe_unused]] S& rcond) {
     if constexpr (kernels::exist<S>) {
       using kernels::source, kernels::target;
       const Index n = S_.rows();
@@ -181,6 +188,7 @@ class SquareRootCovarianceFilter {
            .S_next = target(next_),
            .Re = target(next_Re_root_),
            .K = wanted == Wanted::factor ? kernels::Target{} : target(next_predictor_gain_),
+           .rcond_of_Re = wanted == Wanted::all ? &rcond : nullptr,
            .work = kernel_work_.data()});
     }
     return false;

@@ -84,13 +84,22 @@ class SquareRootInformationFilter {
   StepReport<S> step(const Model& model, const Model& next, const Output* y = nullptr, const Input* u = nullptr,
                      Wanted wanted = Wanted::all) {
     if (y) right_hand_side(model, u);
-    if (array_by_kernel(model, next, y)) {
-      if (wanted != Wanted::factor) multiply_upper(next.R_inverse_root, next.C, C_weighted_);
-    } else {
-      move(model, y != nullptr);
-      weigh(next, y, true);
-      triangularise();
+    S rcond = std::numeric_limits<S>::quiet_NaN();
+    if (all_by_kernel(model, next, y, wanted, rcond)) {
+      bool regular = wanted != Wanted::all || rcond >= tolerance_;
+      if (wanted == Wanted::gain)  // without outputs and data nothing was divided by it
+        for (Index j = 0; j < T_.rows(); ++j) regular = regular && next_(j, j) != S(0);
+      if (!regular) {
+        const auto report = failed(Status::singular_information, rcond, model, y, u);
+        return failed(report.status, rcond, next);
+      }
+      accept(y != nullptr, wanted != Wanted::factor);
+      if (y) e_ = right_.tail(e_.size());
+      return {Status::ok, rcond};
     }
+    move(model, y != nullptr);
+    weigh(next, y, true);
+    triangularise();
     return finish(model, next, y, u, true, wanted);
   }
 
@@ -138,9 +147,10 @@ class SquareRootInformationFilter {
     }
   }
 
-  /// All of the array of a step, its right-hand side if there is y; false if there are no kernels, or they gave up.
-  bool array_by_kernel([[maybe_unused]] const Model& model, [[maybe_unused]] const Model& next,
-                       [[maybe_unused]] const Output* y) {
+  /// All of a step but what its report says; false if there are no kernels, or they gave up: where something is singular or
+  /// not finite, too.
+  bool all_by_kernel([[maybe_unused]] const Model& model, [[maybe_unused]] const Model& next,
+                     [[maybe_unused]] const Output* y, [[maybe_unused]] Wanted wanted, [[maybe_unused]] S& rcond) {
     if constexpr (kernels::exist<S>) {
       using kernels::source, kernels::target;
       const Index n = T_.rows(), m = TAB_.cols(), p = C_weighted_.rows();
@@ -158,6 +168,8 @@ class SquareRootInformationFilter {
                               .R = source(model.Q_inverse_root),
                               .S_next = target(next_),
                               .Re = target(Qe_root_),
+                              .Kf = wanted == Wanted::factor ? kernels::Target{} : target(next_gain_),
+                              .rcond_of_T = wanted == Wanted::all ? &rcond : nullptr,
                               .work = kernel_work_.data()};
       if (!y) return kernels::run_sized<N, P, M, false, true>(step);
       step.x = moved_.data();
@@ -165,6 +177,7 @@ class SquareRootInformationFilter {
       step.z = z_.data();
       step.xi = right_.data();
       step.e = right_.data() + n;
+      step.x_next = next_x_.data();
       return kernels::run_sized<N, P, M, true, true>(step);
     }
     return false;
@@ -230,11 +243,15 @@ class SquareRootInformationFilter {
       const auto report = failed(Status::overflow, rcond, model, y, u);
       return failed(report.status, rcond, next);
     }
+    accept(has_state, has_gain);
+    if (y) e_ = right_.tail(p);
+    return {Status::ok, rcond};
+  }
+
+  void accept(bool has_state, bool has_gain) {
     T_.swap(next_);
     if (has_gain) gain_.swap(next_gain_);
     if (has_state) x_.swap(next_x_);
-    if (y) e_ = right_.tail(p);
-    return {Status::ok, rcond};
   }
 
   S tolerance_;

@@ -76,7 +76,8 @@ struct RootModel : StateSpace<S, N, M, P> {
 
   /// Whether the covariances take the same course: every number but D.
   bool same_system(const RootModel& o) const {
-    return this->A == o.A && this->B == o.B && this->C == o.C && equal_lower(Q_root, o.Q_root) && equal_lower(R_root, o.R_root);
+    return equal(this->A, o.A) && equal(this->B, o.B) && equal(this->C, o.C) && equal_lower(Q_root, o.Q_root) &&
+           equal_lower(R_root, o.R_root);
   }
 };
 
@@ -107,8 +108,8 @@ struct InformationModel {
 
   /// Whether the covariances take the same course: every number but D and the mean of w.
   bool same_system(const InformationModel& o) const {
-    return A_inverse == o.A_inverse && A_inverse_B == o.A_inverse_B && C == o.C && equal_upper(Q_inverse_root, o.Q_inverse_root) &&
-           equal_upper(R_inverse_root, o.R_inverse_root);
+    return equal(A_inverse, o.A_inverse) && equal(A_inverse_B, o.A_inverse_B) && equal(C, o.C) &&
+           equal_upper(Q_inverse_root, o.Q_inverse_root) && equal_upper(R_inverse_root, o.R_inverse_root);
   }
 };
 

@@ -77,7 +77,9 @@ Step<Rounded> RoundedFilter::step(std::int64_t k, const Vector<double>* y, const
   Vector<Rounded> y_rounded, u_rounded;
   if (y) y_rounded = convert(*y, to_rounded);
   if (u) u_rounded = convert(*u, to_rounded);
-  return filter_->step(k, y ? &y_rounded : nullptr, u ? &u_rounded : nullptr);
+  Step<Rounded> step = filter_->step(k, y ? &y_rounded : nullptr, u ? &u_rounded : nullptr);
+  if (step.held) step.held = &*step.held;  // made here, with these bits, not where somebody looks
+  return step;
 }
 
 }  // namespace kfstab::reference

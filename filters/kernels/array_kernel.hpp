@@ -1,6 +1,6 @@
 #pragma once
 
-#include <kfstab/filters/kernels/vector.hpp>
+#include <kfstab/filters/kernels/condition.hpp>
 
 #ifdef KFSTAB_KERNELS
 
@@ -23,35 +23,36 @@ namespace kfstab::kernels::KFSTAB_KERNELS {
 /// What a squared norm may be: as make_reflector has it.
 inline constexpr double least_square = 0x1p-511, greatest_square = 0x1p511;
 
-/// Where entry (i, j) of a matrix is, and how far from it entry (i + 1, j).
-struct Layout {
-  bool transposed;
-  template <class Pointer>
-  KFSTAB_INLINE auto at(const Pointer& X, Index i, Index j) const {
-    return X.data + (transposed ? j + i * X.leading : i + j * X.leading);
-  }
-  template <class Pointer>
-  KFSTAB_INLINE Index stride(const Pointer& X) const {
-    return transposed ? X.leading : 1;
-  }
-};
-
 struct Reflector {
   double beta, pivot, d;  ///< d = 0: nothing is to be done
 };
 
-/// The reflector of a row (alpha; x) with x'x = square. Not ok, and d = 0, if squares are not safe; zero() says whether
+/// The reflector of a row (alpha; x) with x'x = square. Not ok, and d = 0, if squares are not safe; is_zero() says whether
 /// x = 0 to the last bit.
 template <class Zero>
-KFSTAB_INLINE Reflector reflector(double alpha, double square, bool& ok, Zero&& zero) {
+KFSTAB_INLINE Reflector reflector(double alpha, double square, bool& ok, Zero&& is_zero) {
   const double norm2 = alpha * alpha + square;
   if (!(norm2 >= least_square && norm2 <= greatest_square)) [[unlikely]] {
-    ok = ok && alpha == 0 && zero();
+    ok = ok && alpha == 0 && is_zero();
     return {alpha, 0, 0};
   }
   if (square == 0) return {alpha, 0, 0};
   const double norm = root(norm2), beta = alpha < 0 ? norm : -norm, pivot = alpha - beta;
   return {beta, pivot, 1 / (beta * pivot)};
+}
+
+/// Entry k of U x, or of x if there is no U.
+KFSTAB_INLINE double entry_of_Ux(const ArrayStep& step, Index k) {
+  if (!step.U_transposed.data) return step.x[k];
+  const double* column = step.U_transposed.data + k * step.U_transposed.leading;
+  V sum{};
+  for (Index i = 0; i < step.n; i += width) {
+    const Index high = least(step.n - i, width);
+    sum = fma(load(column + i, 1, 0, high), load(step.x + i, 1, 0, high), sum);
+  }
+  double result = 0;
+  for (Index l = 0; l < width; ++l) result += sum[l];
+  return result;
 }
 
 // ---- small: the whole array in NV vectors a column, one reflector after the other ----
@@ -63,17 +64,16 @@ struct FixedSizes {
   static constexpr Constant<N> n{};
   static constexpr Constant<M> m{};
   static constexpr Constant<P> p{};
-  static constexpr Index most_columns = greatest(N + M, 1), most_heads = greatest(P, 1);
+  static constexpr Index most_columns = greatest(N + M, 1), most_heads = greatest(P, 1), most_states = greatest(N, 1),
+                         most_rows_of_gain = (M + width) / width * most_states;
 };
 struct RunTimeSizes {
   static constexpr bool known = false;
   bool has_last, transposed;
   Index n, m, p;
-  static constexpr Index most_columns = 48, most_heads = 4 * width;
+  static constexpr Index most_columns = 48, most_heads = 4 * width, most_states = 4 * width,
+                         most_rows_of_gain = 1;
 };
-
-inline constexpr Constant<0> zero{};
-inline constexpr Constant<1> one{};
 
 /// f(row, v) for each row, which lies in vector v, a Constant.
 template <Index vectors, Index First, Index Last, class F>
@@ -117,6 +117,35 @@ KFSTAB_INLINE auto after(Constant<Row>, Constant<Last>) {
 }
 KFSTAB_INLINE Index after(Index row, Index last) { return row + 1 < last ? row + 1 : row; }
 
+/// 1 / (norm |W|_1), W the inverse of a lower triangle of that order. Row i of it is in the lanes:
+///
+///     w_i = (e_i - sum of entry(i, k) w_k, k < i) / entry(i, i).
+template <Index vectors, Index most, class Order, class Entry>
+KFSTAB_INLINE double small_reciprocal_condition(Order order, double norm, Entry&& entry) {
+  if (order == 0) return 1;
+  constexpr Constant<vectors> all{};
+  V W[most][vectors], sum[vectors] = {};
+  each(zero, order, [&](auto i) KFSTAB_INLINED {
+    V row[vectors];
+    each(zero, all, [&](auto v) KFSTAB_INLINED { row[v] = lane_numbers == i - v * width ? splat(1) : V{}; });
+    each(zero, i, [&](auto k) KFSTAB_INLINED {
+      const V minus = -entry(i, k);
+      each(zero, all, [&](auto v) KFSTAB_INLINED {
+        if (v * width <= k) row[v] = fma(minus, W[k][v], row[v]);
+      });
+    });
+    const V inverse = splat(1 / entry(i, i)[0]);
+    each(zero, all, [&](auto v) KFSTAB_INLINED {
+      W[i][v] = row[v] * inverse;
+      sum[v] += magnitude(W[i][v]);
+    });
+  });
+  double of_inverse = 0;
+  each(zero, all, [&](auto v) KFSTAB_INLINED { of_inverse = larger(largest_lane(sum[v]), of_inverse); });
+  if (!(norm > 0) || norm - norm != 0 || of_inverse - of_inverse != 0) return 0;
+  return 1 / norm / of_inverse;
+}
+
 template <Index vectors, class Sizes>
 KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
   constexpr Index chains = Sizes::known ? 4 : 2;
@@ -130,6 +159,8 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
 
   // Columns [C S, 0; A S, B Q], what they are made from, and a column [Re; G] for each pivot of the first p rows.
   V X[Sizes::most_columns][vectors], given[Sizes::most_columns][vectors], head[Sizes::most_heads][vectors];
+  double Ux[Sizes::most_states];
+  if (size.has_last) each(zero, n, [&](auto k) KFSTAB_INLINED { Ux[k] = entry_of_Ux(step, k); });
 
   // Rows low ... of a column, the first p from `above` if there is one, and the entry of the last row.
   const auto load_column = [&](V(&to)[vectors], const Source* above, Index above_low, const Source& below,
@@ -164,7 +195,7 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
   };
   each(zero, n, [&](auto j) KFSTAB_INLINED {
     const Index C_low = Sizes::known ? 0 : j - step.C_band, A_low = Sizes::known ? 0 : greatest(j - step.A_band, 0);
-    load_column(given[j], &step.C, C_low, step.A, A_low, j, step.x);
+    load_column(given[j], &step.C, C_low, step.A, A_low, j, Ux);
   });
   multiply_lower(zero, n, step.S);
   each(zero, m, [&](auto j) KFSTAB_INLINED { load_column(given[j], nullptr, 0, step.B, 0, j, step.y); });
@@ -182,6 +213,28 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
       head[j][v] = column;
     });
   });
+
+  // Of an information filter's gain the right-hand sides: rows in lanes, and one more for the state. Where sizes are not known
+  // information_results() does it.
+  const auto rows_of_gain = strips_of(m + one);
+  V gain[Sizes::most_rows_of_gain];
+  if (Sizes::known && step.Kf.data)
+    each(zero, rows_of_gain, [&](auto t) KFSTAB_INLINED {
+      const Index row = t * width, high = least(m - row, width);
+      each(zero, n, [&](auto k) KFSTAB_INLINED {
+        V sum{};
+        if (step.QQB.data) {
+          if (high > 0) sum = load(layout.at(step.QQB, row, k), layout.stride(step.QQB), 0, high);
+        } else {
+          each(zero, m, [&](auto i) KFSTAB_INLINED {
+            const Index low = greatest(i - row, 0);
+            if (low < high)
+              sum = fma(load(layout.at(step.Q, row, i), layout.stride(step.Q), low, high), entry(X[n + i], p + k), sum);
+          });
+        }
+        gain[t * n + k] = sum;
+      });
+    });
 
   bool ok = true;
   V w[chains][vectors];
@@ -250,6 +303,31 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
   };
   each(zero, n, [&](auto j) KFSTAB_INLINED { store_rows(X[j], step.S_next, j, p + j, rows, p); });
   each(zero, p, [&](auto j) KFSTAB_INLINED { store_rows(head[j], step.Re, j, j, p, 0); });
+  if (size.has_last) {
+    each(zero, n, [&](auto j) KFSTAB_INLINED {
+      const V x = entry(X[j], rows);
+      difference += x - x;
+      step.xi[j] = x[0];
+    });
+    each(zero, m, [&](auto j) KFSTAB_INLINED {
+      const V x = entry(X[n + j], rows);
+      difference += x - x;
+      step.e[j] = x[0];
+    });
+  }
+  if (step.rcond_of_Re) {
+    double norm = 0;
+    each(zero, p, [&](auto j) KFSTAB_INLINED {
+      V sum{};
+      each(zero, all, [&](auto v) KFSTAB_INLINED {
+        const Index row = v * width;
+        if (row < p) sum += magnitude(in_lanes(j - row, p - row, head[j][v]));
+      });
+      norm = larger(sum_of_lanes(sum), norm);
+    });
+    *step.rcond_of_Re = small_reciprocal_condition<vectors, Sizes::most_heads>(
+        p, norm, [&](auto i, auto k) KFSTAB_INLINED { return entry(head[k], i); });
+  }
   if (step.K.data) {
     if (step.divide)
       each(zero, p, [&](auto i) KFSTAB_INLINED {
@@ -263,32 +341,69 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
         const V inverse = splat(1 / entry(head[j], j)[0]);
         each(zero, all, [&](auto v) KFSTAB_INLINED { head[j][v] = sum[v] * inverse; });
       });
-    if (!Sizes::known && step.U.data) {
-      for (Index j = 0; j < p; ++j) {
+    if (step.U_transposed.data)
+      each(zero, p, [&](auto j) KFSTAB_INLINED {
         V sum[vectors] = {};
-        for (Index k = 0; k < n; ++k) {
+        each(zero, n, [&](auto k) KFSTAB_INLINED {
           const V x = entry(head[j], p + k);
           each(zero, all, [&](auto v) KFSTAB_INLINED {
             const Index row = v * width, low = greatest(p - row, 0), high = least(rows - row, width);
             if (low < high)
-              sum[v] = fma(load(step.U.data + k + (row - p) * step.U.leading, step.U.leading, low, high), x, sum[v]);
+              sum[v] = fma(load(step.U_transposed.data + (row - p) + k * step.U_transposed.leading, 1, low, high), x, sum[v]);
           });
-        }
+        });
         each(zero, all, [&](auto v) KFSTAB_INLINED { head[j][v] = sum[v]; });
-      }
-    }
+      });
     each(zero, p, [&](auto j) KFSTAB_INLINED { store_rows(head[j], step.K, j, p, rows, p); });
   }
-  if (size.has_last) {
+  if (Sizes::known && step.rcond_of_T) {
+    V sum[vectors] = {};  // of a row of S+, which is a column of T
     each(zero, n, [&](auto j) KFSTAB_INLINED {
-      const V x = entry(X[j], rows);
-      difference += x - x;
-      step.xi[j] = x[0];
+      each(zero, all, [&](auto v) KFSTAB_INLINED {
+        const Index row = v * width;
+        if (row < rows) sum[v] += magnitude(in_lanes(p + j - row, rows - row, X[j][v]));
+      });
     });
-    each(zero, m, [&](auto j) KFSTAB_INLINED {
-      const V x = entry(X[n + j], rows);
-      difference += x - x;
-      step.e[j] = x[0];
+    double norm = 0;
+    each(zero, all, [&](auto v) KFSTAB_INLINED { norm = larger(largest_lane(sum[v]), norm); });
+    // From the last to the first, T is lower triangular.
+    *step.rcond_of_T = small_reciprocal_condition<vectors, Sizes::most_states>(
+        n, norm, [&](auto i, auto k) KFSTAB_INLINED { return entry(X[n - one - i], p + (n - one - k)); });
+  }
+  if (Sizes::known && (step.Kf.data || step.x_next)) {
+    V inverse[Sizes::most_states];
+    each(zero, n, [&](auto j) KFSTAB_INLINED { inverse[j] = splat(1 / entry(X[j], p + j)[0]); });
+    each(zero, rows_of_gain, [&](auto t) KFSTAB_INLINED {
+      const Index row = t * width, last_row = step.Kf.data ? Index(m) : 0, high = least(last_row - row, width);
+      const bool state = step.x_next && last_row / width == t;
+      if (high <= 0 && !state) return;
+      V x[Sizes::most_states];
+      each(zero, n, [&](auto k) KFSTAB_INLINED { x[k] = high > 0 ? gain[t * n + k] : V{}; });
+      if (high > 0)  // x := x S+'^{-1}
+        each(zero, n, [&](auto j) KFSTAB_INLINED {
+          x[j] *= inverse[j];
+          each(j + one, n, [&](auto k) KFSTAB_INLINED { x[k] = fma(-entry(X[j], p + k), x[j], x[k]); });
+        });
+      if (state)
+        each(zero, n, [&](auto k) KFSTAB_INLINED { x[k] = with_lane(last_row % width, x[k], splat(step.xi[k])); });
+      each(zero, n, [&](auto i) KFSTAB_INLINED {  // x := x S+^{-1}
+        const auto j = n - one - i;
+        x[j] *= inverse[j];
+        each(zero, j, [&](auto k) KFSTAB_INLINED { x[k] = fma(-entry(X[k], p + j), x[j], x[k]); });
+      });
+      each(zero, n, [&](auto k) KFSTAB_INLINED {
+        V result = x[k];
+        if (step.U_transposed.data) {
+          result = V{};
+          each(zero, n, [&](auto i) KFSTAB_INLINED {
+            result = fma(x[i], splat(step.U_transposed.data[k + i * step.U_transposed.leading]), result);
+          });
+        }
+        const V used = in_lanes(0, greatest(high, 0) + state, result);
+        difference += used - used;
+        if (high > 0) store(layout.at(step.Kf, row, k), layout.stride(step.Kf), 0, high, result);
+        if (state) step.x_next[k] = result[last_row % width];
+      });
     });
   }
   return all_zero(difference);
@@ -308,78 +423,6 @@ KFSTAB_INLINE bool fixed_array_step(const ArrayStep& step) {
 
 // ---- large: panels of as many rows as a vector has lanes, applied to all rows below at once (compact WY) ----
 
-/// Columns of R strips, the same of each: a strip is `width` rows of the array, its columns one after the other, so that
-/// every pass goes through memory in order.
-struct Strips {
-  V* column;
-  Index length;  ///< columns of a strip
-  KFSTAB_INLINE V& operator()(Index strip, Index k) const { return column[strip * length + k]; }
-  KFSTAB_INLINE Strips at(Index strip, Index k) const { return {column + strip * length + k, length}; }
-  KFSTAB_INLINE const double* entries(Index k) const { return reinterpret_cast<const double*>(column + k); }
-};
-
-/// f(R, strip) for groups of R strips, a Constant: as many as there are registers for, then fewer.
-template <class F, Index R>
-KFSTAB_INLINE void each_group(Index first, Index last, Constant<R>, F&& f) {
-  for (; first + R <= last; first += R) f(Constant<R>{}, first);
-  if constexpr (R > 1) each_group(first, last, Constant<R / 2>{}, f);
-}
-inline constexpr Constant<width == 8 ? 3 : width == 4 ? 2 : 4> most_strips{};
-
-/// sum[i][q] += x(i, k) l[q distance], q = 0 ... width - 1: the heart of all products.
-template <Index R, Index distance = 1>
-KFSTAB_INLINE void add_outer(V (&sum)[R][width], const Strips& x, Index k, const double* l) {
-  V column[R];
-  each(zero, Constant<R>{}, [&](auto i) KFSTAB_INLINED { column[i] = x(i, k); });
-  each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
-    const V entry_q = splat(l[q * distance]);
-    each(zero, Constant<R>{}, [&](auto i) KFSTAB_INLINED { sum[i][q] = fma(column[i], entry_q, sum[i][q]); });
-  });
-}
-
-/// Packs a lower triangle of order K for products from the right, in blocks of `width` columns: a row of a block is a vector.
-KFSTAB_INLINE void pack_lower(const Layout& layout, const Source& L, Index K, V* out) {
-  const Index stride = layout.transposed ? 1 : L.leading;
-  for (Index j = 0; j < K; j += width)
-    for (Index k = j; k < K; ++k) *out++ = load(layout.at(L, k, j), stride, 0, least(k - j + 1, width));
-}
-
-/// x := x L for R strips of K columns, in place; L packed. The strips are zero from column `end` on, and stay so.
-template <Index R>
-KFSTAB_INLINE void multiply_strips(const Strips& x, const V* L, Index K, Index end) {
-  for (Index j = 0; j < least(K, end); L += K - j, j += width) {
-    V sum[R][width] = {};
-    for (Index k = j; k < least(K, end); ++k) add_outer<R>(sum, x, k, reinterpret_cast<const double*>(L + (k - j)));
-    each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
-      if (j + q < K) each(zero, Constant<R>{}, [&](auto i) KFSTAB_INLINED { x(i, j + q) = sum[i][q]; });
-    });
-  }
-}
-
-/// x := x L^{-1}, likewise.
-template <Index R>
-KFSTAB_INLINE void divide_strips(const Strips& x, const V* L, Index K) {
-  const V* end = L;
-  for (Index j = 0; j < K; j += width) end += K - j;
-  for (Index j = (K - 1) / width * width; j >= 0; j -= width) {
-    end -= K - j;
-    V sum[R][width] = {};
-    for (Index k = j + width; k < K; ++k) add_outer<R>(sum, x, k, reinterpret_cast<const double*>(end + (k - j)));
-    const auto* l = reinterpret_cast<const double*>(end);  // entry (j + k, j + q) is l[k width + q]
-    each(zero, Constant<width>{}, [&](auto last) KFSTAB_INLINED {
-      constexpr Constant<width - 1 - decltype(last)::value> q{};
-      if (j + q >= K) return;
-      const V inverse = splat(1 / l[q * width + q]);
-      each(zero, Constant<R>{}, [&](auto i) KFSTAB_INLINED { sum[i][q] = (x(i, j + q) - sum[i][q]) * inverse; });
-      each(zero, Constant<R>{}, [&](auto i) KFSTAB_INLINED { x(i, j + q) = sum[i][q]; });
-      each(zero, q, [&](auto before) KFSTAB_INLINED {
-        const V l_q = splat(l[q * width + before]);
-        each(zero, Constant<R>{}, [&](auto i) KFSTAB_INLINED { sum[i][before] = fma(sum[i][q], l_q, sum[i][before]); });
-      });
-    });
-  }
-}
-
 /// The reflectors of a panel, H_0 H_1 ... = I + U T U'. Column j of U is (pivot e_j; x_j) where the heads stand apart from X,
 /// and for heads that are columns of X it has the x_j of the heads between; head[k] is row k of the heads' part. T is upper
 /// triangular, T(i, j) = t[j][i].
@@ -393,8 +436,13 @@ struct Panel {
 template <bool within>
 KFSTAB_INLINE bool factor_panel(V* head, V* X, Index count, Index rows, Panel& panel) {
   bool ok = true;
-  V w[2] = {};
-  each_column(Index(within), count, [&](Index k, auto c) KFSTAB_INLINED { w[c] = fma(X[k], lane<0>(X[k]), w[c]); });
+  constexpr Constant<2> chains{};  // sums, so that none waits for the addition before
+  V w[chains] = {};
+  const auto each_of_X = [&](Index k, auto f) KFSTAB_INLINED {
+    for (; k + chains <= count; k += chains) each(zero, chains, [&](auto c) KFSTAB_INLINED { f(k + c, c); });
+    for (; k < count; ++k) f(k, zero);
+  };
+  each_of_X(Index(within), [&](Index k, auto c) KFSTAB_INLINED { w[c] = fma(X[k], lane<0>(X[k]), w[c]); });
   each(zero, Constant<width>{}, [&](auto j) KFSTAB_INLINED {
     constexpr Index J = decltype(j)::value, next = least(J + 1, width - 1);
     panel.t[J] = panel.head[J] = V{};
@@ -414,23 +462,12 @@ KFSTAB_INLINE bool factor_panel(V* head, V* X, Index count, Index rows, Panel& p
     const V f = from_lane<J + 1>(product);
     panel.head[J] = with_lane(J, within ? head[J] - from_lane<J>(head[J]) : V{}, pivot);
     head[J] = with_lane(J, fma(f, pivot, head[J]), splat(is.beta));
-    w[0] = w[1] = V{};
-    Index k = first;
-    if (within && k < count) {  // the next head
-      X[k] = fma(f, lane<J>(X[k]), X[k]);
-      ++k;
-    }
-    for (; k + 1 < count; k += 2) {
-      const V a = fma(f, lane<J>(X[k]), X[k]), b = fma(f, lane<J>(X[k + 1]), X[k + 1]);
-      X[k] = a;
-      X[k + 1] = b;
-      w[0] = fma(a, lane<next>(a), w[0]);
-      w[1] = fma(b, lane<next>(b), w[1]);
-    }
-    if (k < count) {
-      X[k] = fma(f, lane<J>(X[k]), X[k]);
-      w[0] = fma(X[k], lane<next>(X[k]), w[0]);
-    }
+    each(zero, chains, [&](auto c) KFSTAB_INLINED { w[c] = V{}; });
+    if (within && first < count) X[first] = fma(f, lane<J>(X[first]), X[first]);  // the next head
+    each_of_X(first + within, [&](Index k, auto c) KFSTAB_INLINED {
+      const V x = X[k] = fma(f, lane<J>(X[k]), X[k]);
+      w[c] = fma(x, lane<next>(x), w[c]);
+    });
   });
   return ok;
 }
@@ -477,8 +514,150 @@ KFSTAB_INLINE void apply_panel(const Panel& panel, const Strips& X, Index count,
   }
 }
 
-/// For any sizes. The strips are first those of C, filled up with zeros, then those of A; columns [B Q, A S], as the
-/// Hessenberg forms want it, the heads [Re; G] apart.
+/// Columns first ... last - 1 of a strip: rows `row` ... `row` + high - 1 of X, X(i, j) = 0 for j > i + band, which is not read but
+/// where a row is read whole. What is stored row by row is transposed in the registers.
+KFSTAB_INLINE void load_strip(const Layout& layout, const Source& X, Index row, Index high, Index first, Index last,
+                              Index band, const Strips& to) {
+  Index k = first;
+  const Index end = high <= 0 ? k : least(last, row + band + high);  // zeros behind it
+  if (layout.transposed)
+    for (; k + width <= end; k += width) {
+      V tile[width];
+      each(zero, Constant<width>{}, [&](auto l) KFSTAB_INLINED {
+        tile[l] = l < high ? load(layout.at(X, row + l, k)) : V{};
+      });
+      transpose(tile);
+      each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
+        const Index low = k + q - band - row;
+        to(0, k + q) = low <= 0 ? tile[q] : in_lanes(low, width, tile[q]);
+      });
+    }
+  else if (high >= width)
+    for (const Index full = least(end, row + band + 1); k < full; ++k) to(0, k) = load(layout.at(X, row, k));
+  for (; k < end; ++k) to(0, k) = load(layout.at(X, row, k), layout.stride(X), greatest(k - band - row, 0), least(high, width));
+  for (; k < last; ++k) to(0, k) = V{};
+}
+
+/// All strips of a matrix, a few columns at a time where these lie one after the other: memory is read in its order.
+KFSTAB_INLINE void load_strips(const Layout& layout, const Source& X, Index rows, Index columns, Index band, Index strips,
+                               const Strips& to) {
+  const Index breadth = layout.transposed ? greatest(columns, 1) : 2 * width;
+  for (Index k = 0; k < columns; k += breadth)
+    for (Index s = 0; s < strips; ++s)
+      load_strip(layout, X, s * width, rows - s * width, k, least(k + breadth, columns), band, to.at(s, 0));
+}
+
+/// Columns j ... j + width - 1 of a strip go where X(row, j) is; of a tile on the diagonal the lower triangle. Returns x - x.
+KFSTAB_INLINE V store_tile(const Layout& layout, const Target& X, Index row, Index high, Index j, bool diagonal,
+                           const Strips& strip) {
+  V difference{}, tile[width];
+  each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
+    tile[q] = diagonal && q >= high ? V{} : in_lanes(diagonal ? Index(q) : 0, high, strip(0, j + q));
+    difference += tile[q] - tile[q];
+    if (!layout.transposed && !(diagonal && q >= high))
+      store(layout.at(X, row, j + q), 1, diagonal ? Index(q) : 0, high, tile[q]);
+  });
+  if (layout.transposed) {
+    transpose(tile);
+    each(zero, Constant<width>{}, [&](auto l) KFSTAB_INLINED {
+      if (l < high) store(layout.at(X, row + l, j), 1, 0, diagonal ? l + 1 : width, tile[l]);
+    });
+  }
+  return difference;
+}
+
+/// What there is in the workspace. The strips of the array are first those of C, filled up with zeros, then those of A.
+struct Places {
+  Strips X, head;  ///< columns [B Q, A S], as the Hessenberg forms want it, and the heads [Re; G] apart
+  V* packed;       ///< a packed triangle, and what is made of it
+  Strips gain;     ///< of an information filter: Kf', and the state as one more row
+
+  KFSTAB_INLINE explicit Places(const ArrayStep& step) {
+    const Index n = step.n, m = step.m, p = step.p;
+    const Index strips = strips_of(p) + strips_of(n + (step.x != nullptr));
+    // Aligned by hand: what a caller has is aligned for doubles alone.
+    X = {reinterpret_cast<V*>(reinterpret_cast<char*>(step.work) +
+                              (sizeof(V) - reinterpret_cast<std::size_t>(step.work) % sizeof(V)) % sizeof(V)),
+         n + m};
+    head = {X.column + strips * X.length, strips_of(p) * width};
+    packed = head.column + strips * head.length;
+    gain = {packed + packed_room(n, m, p) / width, n};
+  }
+};
+
+/// Q (B Q)', for Kf', of strips of B Q.
+__attribute__((noinline)) inline void prepare_gain(const ArrayStep& step, const Places& at, const Strips& BQ) {
+  const Layout layout{step.transposed};
+  const Index m = step.m, n = step.n;
+  const Strips Q{at.packed, m};
+  if (step.QQB.data)
+    load_strips(layout, step.QQB, m, n, n + m, strips_of(m), at.gain);
+  else
+    load_strips(layout, step.Q, m, m, 0, strips_of(m), Q);
+  if (!step.QQB.data) multiply<Part::all>(at.gain, Q, 0, strips_of(m), BQ, n, m);
+}
+
+/// Strips of B Q, which a small array has in registers.
+KFSTAB_INLINE Strips small_BQ(const ArrayStep& step, const Places& at) {
+  const Layout layout{step.transposed};
+  const Strips BQ{at.X.column, step.m};
+  if (step.QQB.data) return BQ;
+  pack_lower(layout, step.Q, step.m, at.packed);
+  load_strips(layout, step.B, step.n, step.m, step.n + step.m, strips_of(step.n), BQ);
+  for (Index s = 0; s < strips_of(step.n); ++s) multiply_strips<1>(BQ.at(s, 0), at.packed, step.m, step.m);
+  return BQ;
+}
+
+/// Strips of U', if there is one, in the place of X.
+KFSTAB_INLINE Strips strips_of_Ut(const ArrayStep& step, const Places& at) {
+  const Strips Ut{at.X.column, step.n};
+  if (step.U_transposed.data)
+    load_strips({false}, step.U_transposed, step.n, step.n, 2 * step.n, strips_of(step.n), Ut);
+  return Ut;
+}
+
+/// What an information filter wants to know of S+, which is stored; at.gain is prepared. Returns x - x for all results.
+__attribute__((noinline)) inline V information_results(const ArrayStep& step, const Places& at, const Strips& Ut) {
+  V difference{};
+  if (!step.Kf.data && !step.x_next && !step.rcond_of_T) return difference;
+  const Layout layout{step.transposed};
+  const Index n = step.n;
+  pack_lower(layout, {step.S_next.data, step.S_next.leading}, n, at.packed);
+  if (step.rcond_of_T) *step.rcond_of_T = reciprocal_condition(at.packed, n, true, at.packed + packed_size(n));
+  // The state joins the rows of the gain for the second solve.
+  const Index rows = step.Kf.data ? step.m : 0, all_rows = rows + (step.x_next != nullptr);
+  each_group(0, strips_of(rows), most_strips, [&](auto R, Index s) KFSTAB_INLINED {
+    divide_strips_transposed<decltype(R)::value>(at.gain.at(s, 0), at.packed, n);
+  });
+  if (step.x_next)
+    for (Index k = 0; k < n; ++k) {
+      V& column = at.gain(rows / width, k);
+      column = with_lane(rows % width, rows % width == 0 ? V{} : column, splat(step.xi[k]));
+    }
+  each_group(0, strips_of(all_rows), most_strips, [&](auto R, Index s) KFSTAB_INLINED {
+    divide_strips<decltype(R)::value>(at.gain.at(s, 0), at.packed, n);
+  });
+  Strips results = at.gain;
+  if (step.U_transposed.data) {
+    results = {at.packed, n};
+    multiply<Part::all>(results, at.gain, 0, strips_of(all_rows), Ut, n, n);
+  }
+  for (Index s = 0; s < strips_of(rows); ++s)
+    for (Index k = 0; k < n; ++k) {
+      const Index row = s * width, high = least(rows - row, width);
+      const V column = in_lanes(0, high, results(s, k));
+      difference += column - column;
+      store(layout.at(step.Kf, row, k), layout.stride(step.Kf), 0, high, column);
+    }
+  if (step.x_next)
+    for (Index k = 0; k < n; ++k) {
+      step.x_next[k] = results(rows / width, k)[rows % width];
+      difference += splat(step.x_next[k] - step.x_next[k]);
+    }
+  return difference;
+}
+
+/// For any sizes.
 inline bool large_array_step(const ArrayStep& step) {
   const Index n = step.n, m = step.m, p = step.p, columns = n + m;
   const Layout layout{step.transposed};
@@ -486,52 +665,40 @@ inline bool large_array_step(const ArrayStep& step) {
   const Index C_strips = (p + width - 1) / width, strips = C_strips + (n + has_last + width - 1) / width;
   const Index heads = C_strips * width, last_strip = C_strips + n / width, last_lane = n % width;
 
-  // Aligned by hand: what a caller has is aligned for doubles alone.
-  auto* const work =
-      reinterpret_cast<V*>(reinterpret_cast<char*>(step.work) +
-                           (sizeof(V) - reinterpret_cast<std::size_t>(step.work) % sizeof(V)) % sizeof(V));
-  const Strips X{work, columns}, head{work + strips * columns, heads};
-  V* const packed = head.column + strips * heads;
-  const Strips AS = X.at(0, m);
+  const Places at(step);
+  const Strips X = at.X, head = at.head, AS = X.at(0, m);
+  V* const packed = at.packed;
 
-  for (Index s = 0; s < strips; ++s) {
-    const bool of_C = s < C_strips;
-    const Index row = (of_C ? s : s - C_strips) * width, high = least((of_C ? p : n) - row, width);
-    const Source& left = of_C ? step.C : step.A;
-    const Index band = of_C ? step.C_band : step.A_band;
-    for (Index k = 0; k < n; ++k) {
-      const Index low = greatest(k - band - row, 0);
-      AS(s, k) = low < high ? load(layout.at(left, row, k), layout.stride(left), low, high) : V{};
-    }
-    for (Index k = 0; k < m; ++k)
-      X(s, k) = of_C || high <= 0 ? V{} : load(layout.at(step.B, row, k), layout.stride(step.B), 0, high);
-    for (Index k = 0; k < heads; ++k) {
-      const Index low = greatest(k - row, 0);
-      head(s, k) =
-          of_C && k < p && low < high ? load(layout.at(step.R, row, k), layout.stride(step.R), low, high) : V{};
-    }
-  }
+  load_strips(layout, step.C, p, n, step.C_band, C_strips, AS);
+  load_strips(layout, step.A, n, n, step.A_band, strips - C_strips, AS.at(C_strips, 0));
+  load_strips(layout, {}, 0, m, 0, C_strips, X);
+  load_strips(layout, step.B, n, m, n + m, strips - C_strips, X.at(C_strips, 0));
+  load_strips(layout, step.R, p, p, 0, C_strips, head);
+  for (Index s = 0; s < C_strips; ++s)
+    for (Index k = p; k < heads; ++k) head(s, k) = V{};
+  load_strips(layout, {}, 0, heads, 0, strips - C_strips, head.at(C_strips, 0));
   if (has_last) {
-    for (Index k = 0; k < n; ++k) AS(last_strip, k)[last_lane] = step.x[k];
+    for (Index k = 0; k < n; ++k) AS(last_strip, k)[last_lane] = entry_of_Ux(step, k);
     for (Index k = 0; k < m; ++k) X(last_strip, k)[last_lane] = step.y[k];
     for (Index k = 0; k < p; ++k) head(last_strip, k)[last_lane] = step.z[k];
   }
 
   pack_lower(layout, step.S, n, packed);
-  const auto multiply = [&](Index first, Index last, Index band) KFSTAB_INLINED {
+  const auto multiply_by_S = [&](Index first, Index last, Index band) KFSTAB_INLINED {
     each_group(first, last, most_strips, [&](auto R, Index s) KFSTAB_INLINED {
       const bool full = has_last && s + R > last_strip;
       const Index end = full ? n : (s - first + R) * width + band;
       multiply_strips<decltype(R)::value>(AS.at(s, 0), packed, n, end);
     });
   };
-  multiply(0, C_strips, step.C_band);
-  multiply(C_strips, strips, step.A_band);
+  multiply_by_S(0, C_strips, step.C_band);
+  multiply_by_S(C_strips, strips, step.A_band);
   if (step.Q.data) {
     pack_lower(layout, step.Q, m, packed);
     each_group(C_strips, strips, most_strips,
                [&](auto R, Index s) KFSTAB_INLINED { multiply_strips<decltype(R)::value>(X.at(s, 0), packed, m, m); });
   }
+  if (step.Kf.data) prepare_gain(step, at, X.at(C_strips, 0));
 
   bool ok = true;
   Panel panel;
@@ -559,34 +726,36 @@ inline bool large_array_step(const ArrayStep& step) {
     difference += x - x;
     store(layout.at(to, row, j), layout.stride(to), low, high, x);
   };
-  for (Index j = 0; j < n; ++j)
-    for (Index row = j / width * width; row < n; row += width)
-      put(step.S_next, row, j, greatest(j - row, 0), least(n - row, width), X(C_strips + row / width, j));
+  for (Index row = 0; row < n; row += width)
+    for (Index j = 0; j <= row; j += width)
+      difference += store_tile(layout, step.S_next, row, least(n - row, width), j, j == row, X.at(C_strips + row / width, 0));
   for (Index j = 0; j < p; ++j)
     for (Index row = j / width * width; row < p; row += width)
       put(step.Re, row, j, greatest(j - row, 0), least(p - row, width), head(row / width, j));
-  if (step.K.data) {
-    if (step.divide) {
-      pack_lower(layout, {step.Re.data, step.Re.leading}, p, packed);
-      each_group(C_strips, strips, most_strips,
-                 [&](auto R, Index s) KFSTAB_INLINED { divide_strips<decltype(R)::value>(head.at(s, 0), packed, p); });
+  if (has_last) {
+    for (Index j = 0; j < columns; ++j) {
+      const double x = X(last_strip, j)[last_lane];
+      difference += splat(x - x);
+      (j < n ? step.xi[j] : step.e[j - n]) = x;
     }
-    if (step.U.data) {
-      // Strips of U' in the place of X, whose lower triangle is stored by now.
-      for (Index s = C_strips; s * width < heads + n; ++s)
-        for (Index k = 0; k < n; ++k) {
-          const Index row = (s - C_strips) * width;
-          AS(s, k) = load(step.U.data + k + row * step.U.leading, step.U.leading, 0, least(n - row, width));
-        }
+  }
+
+  const Strips Ut = strips_of_Ut(step, at);  // in the place of [B Q, A S], which nobody needs any more
+  if (step.K.data || step.rcond_of_Re) pack_lower(layout, {step.Re.data, step.Re.leading}, p, packed);
+  if (step.rcond_of_Re) *step.rcond_of_Re = reciprocal_condition(packed, p, false, packed + packed_size(p));
+  if (step.K.data) {
+    if (step.divide)
+      each_group(C_strips, strips_of(n) + C_strips, most_strips,
+                 [&](auto R, Index s) KFSTAB_INLINED { divide_strips<decltype(R)::value>(head.at(s, 0), packed, p); });
+    if (step.U_transposed.data) {
       const auto K_entries = [&](Index k, Index j)
                                  KFSTAB_INLINED { return head.at(C_strips + k / width, j).entries(0) + k % width; };
-      each_group(C_strips, strips, most_strips, [&](auto R, Index s) KFSTAB_INLINED {
+      each_group(0, strips_of(n), most_strips, [&](auto R, Index s) KFSTAB_INLINED {
         for (Index j = 0; j < p; j += width) {
           V sum[decltype(R)::value][width] = {};
-          for (Index k = 0; k < n; ++k) add_outer<decltype(R)::value, width>(sum, AS.at(s, 0), k, K_entries(k, j));
+          for (Index k = 0; k < n; ++k) add_outer<decltype(R)::value, width>(sum, Ut.at(s, 0), k, K_entries(k, j));
           each(zero, R, [&](auto i) KFSTAB_INLINED {
-            const Index row = (s + i - C_strips) * width;
-            if (row >= n) return;
+            const Index row = (s + i) * width;
             each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
               if (j + q < p) put(step.K, row, j + q, 0, least(n - row, width), sum[i][q]);
             });
@@ -599,19 +768,18 @@ inline bool large_array_step(const ArrayStep& step) {
           put(step.K, row, j, 0, least(n - row, width), head(C_strips + row / width, j));
     }
   }
-  if (has_last) {
-    for (Index j = 0; j < columns; ++j) {
-      const double x = X(last_strip, j)[last_lane];
-      difference += splat(x - x);
-      (j < n ? step.xi[j] : step.e[j - n]) = x;
-    }
-  }
+  difference += information_results(step, at, Ut);
   return all_zero(difference);
 }
 
 template <Index vectors>
 __attribute__((noinline)) inline bool run_time_array_step(const ArrayStep& step) {
-  return small_array_step<vectors>(RunTimeSizes{step.x != nullptr, step.transposed, step.n, step.m, step.p}, step);
+  if (!small_array_step<vectors>(RunTimeSizes{step.x != nullptr, step.transposed, step.n, step.m, step.p}, step))
+    return false;
+  if (!step.Kf.data && !step.x_next && !step.rcond_of_T) return true;
+  const Places at(step);
+  if (step.Kf.data) prepare_gain(step, at, small_BQ(step, at));
+  return all_zero(information_results(step, at, strips_of_Ut(step, at)));
 }
 
 /// For sizes that are known at run time. False: it gave up, and what it was to write is undefined.

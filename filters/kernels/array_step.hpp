@@ -37,7 +37,9 @@ struct ArrayStep {
   bool transposed = false;
   Source A = {}, B = {}, C = {};  ///< n x n, n x m, p x n
   Source S = {}, Q = {}, R = {};  ///< of each the lower triangle is read; Q null: B holds B Q
-  Source U = {};  ///< n x n; if not null, the gain is wanted in the coordinates that U came from: U' G Re^{-1}
+  /// U', n x n; if not null, A, B, C and S are in the coordinates U x, but x, and what is asked for of gain and state, not: for x
+  /// stands U x, for K U' G Re^{-1}, for Kf' Kf' U, for x_next U' x_next.
+  Source U_transposed = {};
   const double* x = nullptr;    ///< n
   const double* y = nullptr;    ///< m
   const double* z = nullptr;    ///< p
@@ -46,14 +48,27 @@ struct ArrayStep {
   bool divide = true;           ///< K, or else G
   double* xi = nullptr;         ///< n
   double* e = nullptr;          ///< m
-  double* work = nullptr;       ///< array_step_work(n, m, p) doubles
+  /// What an information filter makes of T+ = S+': the gain Kf' = Q (B Q)' T+^{-1} T+^{-T} and the state T+^{-1} xi, n.
+  Source QQB = {};              ///< Q (B Q)', m x n, if the caller has it; null: it is formed
+  Target Kf = {};               ///< m x n: the transpose of the gain; null: not wanted
+  double* x_next = nullptr;     ///< null: not wanted
+  /// Reciprocal condition numbers in the 1-norm, an estimate from some order on; null: not wanted.
+  double* rcond_of_Re = nullptr;
+  double* rcond_of_T = nullptr;  ///< of S+'
+  double* work = nullptr;        ///< array_step_work(n, m, p) doubles
 };
 
-/// How much workspace a step needs, whatever the instruction set.
+/// Room for a packed triangle, of whichever of the matrices, and its inverse beside it, in doubles.
+constexpr Index packed_room(Index n, Index m, Index p) {
+  const Index most = n > m ? (n > p ? n : p) : (m > p ? m : p);
+  return 2 * (most + 8) / 8 * 8 * (most + 8);
+}
+
+/// How much workspace a step needs, whatever the instruction set: the array, a packed triangle with what is made of it, and the
+/// gain of an information filter with the state in a last row.
 constexpr Index array_step_work(Index n, Index m, Index p) {
   const Index lanes = 8, strips = (p + lanes - 1) / lanes + (n + lanes) / lanes;
-  const Index most = n > m ? (n > p ? n : p) : (m > p ? m : p);
-  return lanes * (strips * (n + m + p + lanes) + (most / 2 + 1) * (most + 1) + 1);
+  return lanes * (strips * (n + m + p + lanes) + (m / lanes + 1) * n + 1) + packed_room(n, m, p);
 }
 
 }  // namespace kfstab::kernels

@@ -119,20 +119,36 @@ KFSTAB_INLINE V from_lane(V x) {
   return (V)((Lanes)x & (lane_numbers >= J));
 }
 
+/// x in the lanes low ... high - 1, 0 in the others.
+KFSTAB_INLINE V in_lanes(Index low, Index high, V x) {
+  return (V)((Lanes)x & (lane_numbers >= low) & (lane_numbers < high));
+}
+
 /// x, with y in lane J.
 KFSTAB_INLINE V with_lane(Index J, V x, V y) { return lane_numbers == J ? y : x; }
+
+/// All lanes from data[l], which need not be aligned.
+KFSTAB_INLINE V load(const double* data) {
+  V x;
+  __builtin_memcpy(&x, data, sizeof(V));
+  return x;
+}
 
 /// Lanes low ... high - 1 from data[l stride], 0 in the others, which are not read.
 KFSTAB_INLINE V load(const double* data, Index stride, Index low, Index high) {
 #if KFSTAB_VECTOR_WIDTH == 8
   const auto mask = static_cast<__mmask8>((0xffu << low) & ~(~0u << high));
   if (stride == 1) return _mm512_maskz_loadu_pd(mask, data);
+  return _mm512_mask_i64gather_pd(V{}, mask, (__m512i)(lane_numbers * stride), data, 8);
 #elif KFSTAB_VECTOR_WIDTH == 4
-  if (stride == 1) return _mm256_maskload_pd(data, (__m256i)((lane_numbers >= low) & (lane_numbers < high)));
-#endif
+  const auto mask = (lane_numbers >= low) & (lane_numbers < high);
+  if (stride == 1) return _mm256_maskload_pd(data, (__m256i)mask);
+  return _mm256_mask_i64gather_pd(V{}, data, (__m256i)(lane_numbers * stride), (__m256d)mask, 8);
+#else
   V x{};
   for (Index l = low; l < high; ++l) x[l] = data[l * stride];
   return x;
+#endif
 }
 
 /// data[l stride] = lane l, for l = low ... high - 1.

@@ -10,8 +10,11 @@
 #include <tuple>
 #include <vector>
 
+#include <kfstab/filters/hessenberg_square_root_covariance.hpp>
+#include <kfstab/filters/hessenberg_square_root_information.hpp>
 #include <kfstab/filters/registry.hpp>
 #include <kfstab/filters/square_root_covariance.hpp>
+#include <kfstab/filters/square_root_information.hpp>
 
 #include "filters/fixed_kernels.hpp"
 #include "filters/random_problem.hpp"
@@ -350,8 +353,11 @@ double difference(const Matrix<double>& X, const Matrix<double>& Y, Index size) 
 // S S' and T'T differ by the backward errors of two orthogonal factorisations; gain and state by that times the condition
 // number of what is inverted, 1 / rcond of the root, of which the gain takes two solves.
 TEST(Kernels, OfTheArrayFormsAgreeWithTheirPlainText) {
+  std::vector<Dimensions> all = sizes;
+  // On both sides of where L^{-1} itself gives way to an estimate of its norm, of Re^{1/2} and of T.
+  all.insert(all.end(), {{16, 3, 17}, {17, 4, 5}, {64, 8, 8}, {66, 5, 9}, {9, 4, 70}, {72, 40, 41}});
   for (const char* id : {"srcf", "srcf-hessenberg", "srif", "srif-hessenberg"})
-    for (const Dimensions& d : sizes)
+    for (const Dimensions& d : all)
       for (const bool data : {true, false}) {
         const Metadata& metadata = *find_filter(id);
         const Case c{.d = d, .inputs = 1, .data = data};
@@ -379,10 +385,167 @@ TEST(Kernels, OfTheArrayFormsAgreeWithTheirPlainText) {
           EXPECT_LE(difference(P, P_, size), threshold * kappa);
           EXPECT_LE(difference(K, K_, size), threshold * kappa);
           EXPECT_LE(difference(x, x_, size), threshold * kappa);
-          // An estimate, which signs of columns lead astray, and seldom by more than a factor 3.
+          // An estimate, which signs of columns lead astray, and seldom by more than a factor 3. Where the kernel computes the
+          // norm of the inverse, for all sets up to the order 16, an estimate of it is no larger.
           EXPECT_LE(std::max(rcond, rcond_), 3 * std::min(rcond, rcond_));
+          const Index order = metadata.takes == Parametrisation::information ? d.n : d.p;
+          if (order <= 16) {
+            EXPECT_LE(rcond_, rcond * (1 + threshold * 0x1p-53 * static_cast<double>(size) * kappa));
+          }
         }
       }
+}
+
+/// What a step says, and what stands after it.
+struct Outcome {
+  Status status;
+  double rcond;
+  Matrix<double> held, gain;
+  Vector<double> state;
+};
+
+/// Two steps of a filter by its class, of sizes that are known or not; the second is shown.
+template <class Filter, class Model>
+Outcome outcome(const Problem<Model>& problem, const Vector<double>* y, Wanted wanted = Wanted::all) {
+  typename Filter::Model model;
+  typename Filter::Output output;
+  if (y) output = *y;
+  model.C = problem.models[0].C;
+  model.D = problem.models[0].D;
+  Filter filter(problem.dimensions());
+  filter.start(problem.initial, problem.x0);
+  StepReport<double> report;
+  if constexpr (Model::parametrisation == Parametrisation::information) {
+    model.A_inverse = problem.models[0].A_inverse;
+    model.A_inverse_B = problem.models[0].A_inverse_B;
+    model.Q_inverse_root = problem.models[0].Q_inverse_root;
+    model.R_inverse_root = problem.models[0].R_inverse_root;
+    for (int k = 0; k < 2; ++k) report = filter.step(model, model, y ? &output : nullptr, nullptr, wanted);
+    return {report.status, report.rcond, filter.information_factor(), filter.filter_gain(), filter.state()};
+  } else {
+    model.A = problem.models[0].A;
+    model.B = problem.models[0].B;
+    model.Q_root = problem.models[0].Q_root;
+    model.R_root = problem.models[0].R_root;
+    for (int k = 0; k < 2; ++k) report = filter.step(model, y ? &output : nullptr, nullptr, wanted);
+    return {report.status, report.rcond, filter.factor(), filter.predictor_gain(), filter.state()};
+  }
+}
+
+/// Both did the same, as far as two factorisations of one array do.
+void expect_same(const Outcome& a, const Outcome& b, bool information, Index size) {
+  ASSERT_EQ(a.status, b.status);
+  if (a.status != Status::ok) return;
+  const double largest = a.held.cwiseAbs().maxCoeff();
+  const auto square = [&](Matrix<double> X) {
+    if (largest > 0) X /= largest;
+    return information ? Matrix<double>(X.transpose().lazyProduct(X)) : Matrix<double>(X.lazyProduct(X.transpose()));
+  };
+  const double kappa = std::isnan(a.rcond) ? 1e4 : 1 / (a.rcond * a.rcond);
+  EXPECT_LE(difference(square(a.held), square(b.held), size), threshold * kappa);
+  EXPECT_LE(difference(a.gain, b.gain, size), threshold * kappa);
+  EXPECT_LE(difference(a.state, b.state, size), threshold * kappa);
+  EXPECT_EQ(std::isnan(a.rcond), std::isnan(b.rcond));
+  if (!std::isnan(a.rcond)) {
+    EXPECT_LE(std::max(a.rcond, b.rcond), 3 * std::min(a.rcond, b.rcond));
+  }
+}
+
+template <class Fixed, class Any>
+void fixed_is_plain(const char* name) {
+  using Model = typename Fixed::Model;
+  using AnyModel = typename Any::Model;
+  const Dimensions d{Model::states, Model::noises, Model::outputs};
+  constexpr bool information = Model::parametrisation == Parametrisation::information;
+  for (std::uint64_t seed = 1; seed <= 5; ++seed)
+    for (const bool data : {true, false})
+      for (const Wanted wanted : {Wanted::all, Wanted::gain, Wanted::factor}) {
+        SCOPED_TRACE(std::string(name) + ' ' + text(d) + (data ? " with data" : "") + " seed " + std::to_string(seed));
+        const auto problem =
+            std::get<Problem<AnyModel>>(random_problem(Model::parametrisation, {.d = d, .data = data}, seed));
+        Dice dice(seed);
+        const Vector<double> y = dice.vector(d.p, 48);
+        const WithKernels plain("plain");
+        expect_same(outcome<Any>(problem, data ? &y : nullptr, wanted),
+                    outcome<Fixed>(problem, data ? &y : nullptr, wanted), information, d.n + d.m + d.p);
+      }
+}
+
+template <int N, int M, int P>
+void fixed_forms_are_plain() {
+  fixed_is_plain<SquareRootCovarianceFilter<double, N, M, P>, SquareRootCovarianceFilter<double>>("srcf");
+  fixed_is_plain<HessenbergSquareRootCovarianceFilter<double, N, M, P>, HessenbergSquareRootCovarianceFilter<double>>(
+      "srcf-hessenberg");
+  fixed_is_plain<SquareRootInformationFilter<double, N, M, P>, SquareRootInformationFilter<double>>("srif");
+  fixed_is_plain<HessenbergSquareRootInformationFilter<double, N, M, P>, HessenbergSquareRootInformationFilter<double>>(
+      "srif-hessenberg");
+}
+
+// For known sizes the kernel is compiled into this source, and runs whatever KFSTAB_ISA says.
+TEST(Kernels, OfFixedSizesAgreeWithThePlainText) {
+  fixed_forms_are_plain<1, 1, 1>();
+  fixed_forms_are_plain<2, 1, 3>();
+  fixed_forms_are_plain<5, 3, 1>();
+}
+
+// Rows that no square may be taken of, what is singular or not finite, what is not wanted: the same as by the plain text.
+TEST(Kernels, OfTheInformationFormsLeaveStatusesAsTheyAre) {
+  using Model = InformationModel<double>;
+  const auto check = [](const char* what, const Dimensions& d, auto change, bool statuses_alone = false) {
+    for (const bool data : {true, false})
+      for (const Wanted wanted : {Wanted::all, Wanted::gain, Wanted::factor})
+        for (const bool hessenberg : {false, true}) {
+          auto problem = std::get<Problem<Model>>(random_problem(Parametrisation::information, {.d = d, .data = data}, 3));
+          change(problem.models[0], problem.initial);
+          Dice dice(4);
+          const Vector<double> y = dice.vector(d.p, 48);
+          const auto run = [&](const std::string& isa) {
+            const WithKernels with(isa);
+            return hessenberg ? outcome<HessenbergSquareRootInformationFilter<double>>(problem, data ? &y : nullptr, wanted)
+                              : outcome<SquareRootInformationFilter<double>>(problem, data ? &y : nullptr, wanted);
+          };
+          const Outcome plain = run("plain");
+          for (const kernels::Kernels& kernel : kernels::available()) {
+            SCOPED_TRACE(std::string(what) + ' ' + text(d) + ' ' + std::string(kernel.isa) + (data ? " with data" : "") +
+                         (hessenberg ? " hessenberg" : "") + " wanted " + std::to_string(static_cast<int>(wanted)));
+            const Outcome is = run(std::string(kernel.isa));
+            EXPECT_EQ(is.status, plain.status);
+            if (!statuses_alone) expect_same(plain, is, true, d.n + d.m + d.p);
+          }
+        }
+  };
+  // Without outputs, rcond alone tells that T is singular.
+  for (const Dimensions& d : {Dimensions{4, 2, 2}, Dimensions{20, 10, 11}, Dimensions{40, 5, 3}, Dimensions{70, 6, 9},
+                              Dimensions{3, 1, 0}, Dimensions{30, 4, 0}}) {
+    check("sound", d, [](Model&, Matrix<double>&) {});
+    for (const double scale : {1e-300, 1e300})
+      check("scaled", d, [&](Model& model, Matrix<double>& T0) {
+        T0 *= scale;
+        model.Q_inverse_root *= scale;
+        model.R_inverse_root *= scale;
+      });
+    if (d.p > 0)
+      check("a row of R^{-1/2}", d, [](Model& model, Matrix<double>&) { model.R_inverse_root.row(0) *= 1e-290; });
+    check("singular", d, [](Model& model, Matrix<double>& T0) {
+      T0.setZero();
+      model.A_inverse.setZero();
+      model.C.setZero();
+    });
+    check("a zero pivot among others", d, [](Model& model, Matrix<double>& T0) {
+      T0.col(1).setZero();
+      model.A_inverse.setIdentity();
+      model.A_inverse_B.setZero();
+      model.C.col(1).setZero();
+    });
+    const auto weaken = [](Model& model, Matrix<double>& T0) {
+      T0 *= 1e-20;
+      model.C.col(0).setZero();
+    };
+    check("nearly singular", d, weaken, true);
+    check("overflow", d, [](Model& model, Matrix<double>&) { model.A_inverse *= 1e308; });
+    for (const double bad : {nan, infinity})
+      check("not finite", d, [&](Model& model, Matrix<double>&) { model.A_inverse(d.n - 1, 0) = bad; });
+  }
 }
 
 TEST(Kernels, AreChosenByName) {

@@ -108,7 +108,7 @@ TEST(Registry, AFilterMayBeStartedAgain) {
     for (int k = 0; k < 3; ++k) {
       const auto again = used->step(k, &y, &input), first = fresh->step(k, &y, &input);
       ASSERT_TRUE(again.report && first.report);
-      ASSERT_EQ(again.held != nullptr, metadata.holds != Held::gain) << metadata.id;
+      ASSERT_EQ(bool(again.held), metadata.holds != Held::gain) << metadata.id;
       if (again.held) {
         EXPECT_EQ(*again.held, *first.held) << metadata.id;
       }

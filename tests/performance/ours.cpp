@@ -86,7 +86,7 @@ struct Run {
   std::unique_ptr<kfstab::AnyFilter<double>> filter;
   kfstab::Vector<double> y;
   std::int64_t k = 0;
-  const Matrix* held = nullptr;
+  kfstab::Shown<double> held;
 };
 
 }  // namespace

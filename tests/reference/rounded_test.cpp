@@ -129,7 +129,7 @@ void every_filter_is_that_of(int bits) {
           ASSERT_EQ(step.report.status, expected.report.status) << "step " << k;
           if (!expected.report) break;
           EXPECT_TRUE(same(step.report.rcond, expected.report.rcond)) << "rcond, step " << k;
-          ASSERT_EQ(step.held != nullptr, expected.held != nullptr);
+          ASSERT_EQ(bool(step.held), bool(expected.held));
           if (expected.held) {
             EXPECT_TRUE(equal(*step.held, *expected.held)) << "held, step " << k;
           }
