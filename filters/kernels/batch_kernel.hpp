@@ -2,6 +2,7 @@
 
 #include <kfstab/filters/kernels/array_kernel.hpp>
 #include <kfstab/filters/kernels/batch_step.hpp>
+#include <kfstab/filters/kernels/condition.hpp>
 
 #ifdef KFSTAB_KERNELS
 
@@ -103,9 +104,6 @@ KFSTAB_INLINE void reflect_lanes(const Rows& rows, Index end, Index first, Index
              [&](auto R, Index i) KFSTAB_INLINED { update_rows<decltype(R)::value>(rows, i, first, skip, f, w); });
 }
 
-KFSTAB_INLINE V magnitude(V x) { return x < 0 ? -x : x; }
-KFSTAB_INLINE V larger(V x, V y) { return x > y ? x : y; }
-
 /// 1 / (||L||_1 ||L^{-1}||_1) of L, p x p, lower, in the first rows of `head`. L^{-1} is formed, column after column: p^3/6
 /// multiply-adds are little beside the array, and no lane goes a way of its own, as an estimate would have it.
 /// @param inverses  1 / L_jj    @param x  p, workspace
@@ -121,8 +119,8 @@ KFSTAB_INLINE V rcond_of_root(const V* head, Index distance, Index p, const V* i
       x[i] = -product * inverses[i];
       inverse_sum += magnitude(x[i]);
     }
-    norm = larger(norm, sum);
-    inverse_norm = larger(inverse_norm, inverse_sum);
+    norm = larger(sum, norm);
+    inverse_norm = larger(inverse_sum, inverse_norm);
   }
   return p > 0 ? 1 / (norm * inverse_norm) : 1 + V{};
 }
