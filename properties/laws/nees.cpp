@@ -82,20 +82,29 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
   int count = 0;
   std::vector<Link> chain;
   Precise P = steps.front().prior;  // of the right filter, whose errors the sum is held against
+  // What rounding may have made of P and of the error up to here: -W <= dP <= W by theory (4.4), and, X the same of squares,
+  // |de|^2 <= (k + 1) tr X by Cauchy and Schwarz. P0 was rounded when it was written, and x when it was drawn.
+  const double u = steps.front().rounding();
+  const M I = M::Identity(P.rows(), P.rows());
+  M W = u * P.norm() * I, X = std::pow(u * simulation->x.col(0).norm(), 2) * I;
   for (const ObservedStep& s : steps) {
     const auto Re_inverse = (s.R + s.C * P * s.C.transposed()).inverse();
     if (!Re_inverse) return std::nullopt;
     const Precise PC = P * s.C.transposed(), K = s.A * PC * *Re_inverse, BQB = s.B * s.Q * s.B.transposed();
-    const Index n = P.rows();
-    Link link{P.rounded(), (s.A - K * s.C).rounded(), (BQB + K * s.R * K.transposed()).rounded(), M::Zero(n, n)};
-    // A state that is known exactly has no error to be judged by; and rounding must not be seen in the sum.
+    Link link{P.rounded(), (s.A - K * s.C).rounded(), (BQB + K * s.R * K.transposed()).rounded(), 0 * I};
+    // A state that is known exactly has no error to be judged by; and of rounding no more than a hundredth may be in the sum.
     const auto answered = s.prior.inverse(), right = P.inverse();
-    if (answered && right && largest_ratio * s.rounding() * s.amplification() * answered->norm() <= 0.01) {
+    const double off_by = std::sqrt(static_cast<double>(s.k + 1) * X.trace()), seen = 0.01 / largest_ratio;
+    if (answered && right && W.norm() * answered->norm() <= seen && off_by * std::sqrt(answered->norm()) <= seen) {
       link.weight = right->rounded();
       const Precise error = Precise(Matrix<double>(simulation->x.col(s.k))) - *s.x_prior;
       sum += (error.transposed() * *answered * error).rounded()(0, 0);
       ++count;
     }
+    const double a = s.answers_predicted() ? 1 : s.A.norm();
+    const auto carried = [&link](const M& Y) { return product(product(link.F, Y), link.F.transpose()); };
+    W = carried(W) + a * a * (u * s.amplification() + s.asymmetric()) * I;
+    X = carried(X) + std::pow(u * (a * s.state_amplification() + s.A.norm() * simulation->x.col(s.k).norm()), 2) * I;
     chain.push_back(std::move(link));
     P = s.A * (P - PC * *Re_inverse * PC.transposed()) * s.A.transposed() + BQB;
   }
@@ -114,7 +123,7 @@ Law law() {
       .statement =
           "(x^ - x)' P^{-1} (x^ - x), x the state that the data were drawn with, is n on the average over a run, "
           "neither more nor less than is likely for errors that F = A - K C hands on from step to step",
-      .assumptions = "as of nis; steps whose P is regular",
+      .assumptions = "as of nis; steps whose P is regular, and in which rounding is not seen",
       .source =
           "Bar-Shalom, Li, Kirubarajan 2001, 5.4; the sum's moments exp(t sum) by recursion, for its terms depend on "
           "one another; Chernoff's bound",
