@@ -46,6 +46,13 @@ double norm(const Covariance& Q, std::int64_t k) {
   return Q.written == Covariance::Written::root ? X.lazyProduct(X.transpose()).norm() : X.norm();
 }
 
+/// k(R^{1/2}) where the subject whitens by it, else 1.
+double condition_of_whitening(const Traits& traits, const System& complete, std::int64_t k) {
+  if (!whitens(traits) || complete.R.value.rows() == 0) return 1;
+  const Precise X(complete.R.value.at(k));
+  return std::sqrt((complete.R.written == Covariance::Written::root ? X * X.transposed() : X).condition());
+}
+
 /// The bounds of the forms that hold P or a root of it: what each step commits by the tolerance of law one-step, carried on by
 /// F, theory (4.4), and of the gain, (4.6).
 class CovarianceBounds {
@@ -68,7 +75,12 @@ class CovarianceBounds {
         C.rows() == 0 ? 0 : std::sqrt(p) * truth.innovation_condition / reference::two_norm(truth.innovation);
     const double kappa = C.rows() == 0 ? 1 : r * Re_inverse, Kf = truth.filter_gain.norm();
     const double removed = (truth.P_predicted - truth.P_filtered).norm();
-    const double local = holds_root(traits_.holds) ? (1 + std::sqrt(kappa)) * formed
+    // As ObservedStep has it.
+    const double Pf = truth.P_filtered.norm(), whitening = condition_of_whitening(traits_, system_, k);
+    const double whitened_P = whitening > 1 ? whitening * 2 * Kf * c * Pf * (predicted ? a * a : 1) : 0;
+    const double whitened_K =
+        whitening > 1 ? whitening * (Kf + c * (Pf * Re_inverse + Kf * Kf)) * (predictor_ ? a : 1) : 0;
+    const double local = holds_root(traits_.holds) ? (1 + std::sqrt(kappa)) * formed + whitened_P
                                                    : kappa * (formed + removed * (predicted ? a * a : 1));
 
     const Index n = W_.rows();
@@ -79,7 +91,7 @@ class CovarianceBounds {
     const double carried = Re_inverse * std::sqrt(std::max(0.0, congruence(F, of_prior).trace()) *
                                                   std::max(0.0, congruence(C, of_prior).trace()));
     const double own = predictor_ ? a * Kf * r + std::sqrt(r * moved) : Kf * r + std::sqrt(r * prior);
-    gain_ = carried + rounding_ * own * Re_inverse;
+    gain_ = carried + rounding_ * (own * Re_inverse + whitened_K);
     G_ += rounding_ * own;
     Re_ += rounding_ * r;
     undamped_ = (G_ + a * Kf * Re_) * Re_inverse;
@@ -112,6 +124,8 @@ bool same_numbers(const System& a, const System& b) {
   return a.steps == b.steps && same(a.A, b.A) && same(a.B, b.B) && same(a.C, b.C) && same(a.D, b.D) && same(a.Q, b.Q) &&
          same(a.R, b.R) && same(a.P0, b.P0) && same(a.x0, b.x0) && same_data(a, b);
 }
+
+bool whitens(const Traits& subject) { return holds_root(subject.holds) && subject.needs.positive_definite_R; }
 
 GainOfState gain_of_state(Instant instant, GainKind answered, const reference::Truth& truth, double A, double K_error) {
   if (instant == Instant::predicted && answered == GainKind::filter)
@@ -251,7 +265,7 @@ const Course& Bench::course(const System& system) {
       const auto [own_K, gain_error] = gain_of_state(t.instant, course->gain_, truth, A.norm(), now.K);
       const Matrix<double>& F = predicted ? truth.closed_loop : truth.filtered_closed_loop;
       const double terms = predicted ? A.norm() * truth.x_predicted.norm() + Du : truth.x_predicted.norm();
-      double local = terms + own_K * innovation;
+      double local = terms + condition_of_whitening(t, complete, step) * own_K * innovation;
       if (inverts) {
         // x = T^{-1} z of an array that rounds T and z alike, by `amplified` relative to T; and R^{-1/2} y comes to z as it is,
         // however small the gain. What holds Y and d = Y x in their place, x = Y^{-1} d, has the square of both,

@@ -107,6 +107,10 @@ struct GainOfState {
 /// @param A  its norm    @param K_error  of the gain that is answered, absolute
 GainOfState gain_of_state(Instant instant, GainKind answered, const reference::Truth& truth, double A, double K_error);
 
+/// Whether the subject whitens the measurements, with R^{-1/2}: it holds a root, and needs an R that is positive definite. Then C
+/// and y are to it as if they were off by k(R^{1/2}) u.
+bool whitens(const Traits& subject);
+
 /// Whether two systems are the same numbers: model, initial condition, steps and data. What they are called is no matter.
 bool same_numbers(const System& a, const System& b);
 

@@ -350,7 +350,8 @@ std::vector<Tolerance> tolerances(Bench& bench, const System& system, const Syst
       const double Du_terms = dynamics.D.norm() * (data.u.rows() > 0 ? data.u.col(column).norm() : 0);
       const double moved = A * (predicted ? x.norm() + Kf * e : x.norm()) + (predicts ? Du_terms : 0);
       const double innovation = data.y.col(k).norm() + C * prior.norm();
-      double rounded = moved + own * innovation;
+      const double whitening = whitens(traits) && now.R.rows() > 0 ? std::sqrt(Precise(now.R).condition()) : 1;
+      double rounded = moved + own * whitening * innovation;
       if (inverts) {
         // x is solved for with what P^{-1} is made of, and R^{-1/2} y comes to it by T^{-1}, however small the gain is; by
         // P R^{-T/2}, as Course has it, where Y is held.

@@ -443,6 +443,24 @@ TEST(Trajectory, OfAFilterThatHoldsYItsStateLosesWithYWhatTheTimeUpdateTakesOff)
   EXPECT_LE(bound, 1000 * lost);
 }
 
+// Phi = R^{-1/2} C is off by k(R^{1/2}) u, although Re is as well-conditioned as can be: ud, potter and carlson lose that.
+class Whitened : public ::testing::TestWithParam<const char*> {};
+TEST_P(Whitened, LosesTheConditionOfR) {
+  for (const char* d : {"0.0001220703125", "1e-6", "1e-7"}) {
+    const System system = read_toml(std::string("name = 'whitened'\nsteps = 2\nA = {identity = 2}\nB = [[], []]\n"
+                                                "C = {identity = 2}\nQ = []\nR_root = [[") +
+                                    d + ", 0], [1, 1]]\nP0 = {identity = 2}\nx0 = [1, 2]\nmeasurements = [[1, 2], [2, 1]]\n");
+    for (const Law& law : all_laws()) {
+      Truths truths;
+      const auto filter = built_in(GetParam());
+      Bench bench(*filter, truths);
+      const auto finding = law.examine(bench, system);
+      EXPECT_TRUE(!finding || finding->ratio <= largest_ratio) << law.id << ": " << finding->ratio << ", d = " << d;
+    }
+  }
+}
+INSTANTIATE_TEST_SUITE_P(Filters, Whitened, ::testing::Values("ud", "potter", "carlson", "srcf", "svd", "ckf"));
+
 TEST(Comparisons, AnInputThatIsLate) {
   Spoilt late{.before = [last = std::optional<Vector<double>>()](Given& given, State& now) mutable {
     if (!given.u) return;

