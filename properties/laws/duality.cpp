@@ -16,10 +16,10 @@ Precise zero(Index rows, Index cols) { return Precise(Matrix<double>(Matrix<doub
 /// The dual system from the last step back to the first, for all weights at once (Z = I), under the control
 /// V_k = share K_k' Z_{k+1}, what it costs, and what it gathers of the data.
 struct Dual {
-  Precise cost;        ///< J, n x n
-  Precise more;        ///< what J is more than P by: sum (V - K'Z)' Re (V - K'Z)
-  Precise state;       ///< Z_0' x_0 + sum V_k' y_k + Z_{k+1}' D u_k, n x 1
-  double scale = 0;    ///< of the error of J - more, in u (n+m+p)
+  Precise cost;         ///< J, n x n
+  Precise more;         ///< what J is more than P by: sum (V - K'Z)' Re (V - K'Z)
+  Precise state;        ///< Z_0' x_0 + sum V_k' y_k + Z_{k+1}' D u_k, n x 1
+  double scale = 0;     ///< of the error of J - more, in u (n+m+p)
   double of_state = 0;  ///< of the error of state
   /// What asymmetry excuses, of J - more and of state.
   double allowed = 0, allowed_state = 0;
@@ -98,23 +98,24 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 }  // namespace
 
 Law law() {
-  return {.id = "duality",
-          .statement =
-              "l'P_N l is the least cost of steering the dual system z_k = A'z_{k+1} - C'v_k back from z_N = l, sum "
-              "z_{k+1}'B Q B'z_{k+1} + v_k'R v_k + z_0'P_0 z_0, and v = K'z has it: every other control costs sum (v - "
-              "K'z)'Re (v - K'z) more, tried with K'z / 2 and 0; l'x_N = z_0'x_0 + sum v_k'y_k + z_{k+1}'D u_k",
-          .assumptions =
-              "a gain of the kind that belongs to P is answered; the first 4 steps, as far as Re is positive definite "
-              "and within the reach of first-order bounds",
-          .source = "Kalman 1960; the square of theory (4.5) completed in each step, and summed up",
-          .tolerance =
-              "sum |Z_{k+1}|^2 times that of one-step and, d the tolerance of the gain, |Re| |Z| d (2 |v - K'z| + |Z| "
-              "d), Z_k the dual states of all unit vectors l; of x, sum |Z_{k+1}| times that of state-update",
-          .failure =
-              "Over several steps P, the gains and x are not of one filter: P is not the least that gains could make of "
-              "P0, Q and R (one-step and gain-optimality name the step), or x is moved by another gain than the one "
-              "answered.",
-          .examine = examine};
+  return {
+      .id = "duality",
+      .statement =
+          "l'P_N l is the least cost of steering the dual system z_k = A'z_{k+1} - C'v_k back from z_N = l, sum "
+          "z_{k+1}'B Q B'z_{k+1} + v_k'R v_k + z_0'P_0 z_0, and v = K'z has it: every other control costs sum (v - "
+          "K'z)'Re (v - K'z) more, tried with K'z / 2 and 0; l'x_N = z_0'x_0 + sum v_k'y_k + z_{k+1}'D u_k",
+      .assumptions =
+          "a gain of the kind that belongs to P is answered; the first 4 steps, as far as Re is positive definite "
+          "and within the reach of first-order bounds",
+      .source = "Kalman 1960; the square of theory (4.5) completed in each step, and summed up",
+      .tolerance =
+          "sum |Z_{k+1}|^2 times that of one-step and, d the tolerance of the gain, |Re| |Z| d (2 |v - K'z| + |Z| "
+          "d), Z_k the dual states of all unit vectors l; of x, sum |Z_{k+1}| times that of state-update",
+      .failure =
+          "Over several steps P, the gains and x are not of one filter: P is not the least that gains could make of "
+          "P0, Q and R (one-step and gain-optimality name the step), or x is moved by another gain than the one "
+          "answered.",
+      .examine = examine};
 }
 
 }  // namespace kfstab::properties::laws::duality

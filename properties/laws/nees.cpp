@@ -33,8 +33,7 @@ M inverse(const M& X) {
 double log_det(const M& W, const M& X) {
   const M WX = product(W, X);
   const double half = WX.trace() / 2;
-  const double largest =
-      WX.rows() == 1 ? WX(0, 0) : half + std::sqrt(std::max(0.0, half * half - determinant(WX)));
+  const double largest = WX.rows() == 1 ? WX(0, 0) : half + std::sqrt(std::max(0.0, half * half - determinant(WX)));
   if (!(largest < 1)) return std::numeric_limits<double>::infinity();
   return std::log(determinant(M::Identity(W.rows(), W.cols()) - WX));
 }
@@ -110,9 +109,9 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
   }
   if (count == 0) return std::nullopt;
   const auto n = static_cast<double>(system.A.rows());
-  return Finding{largest_ratio * sigma(chain, sum, count * n) / 6, -1,
-                 fmt::format("over {} steps (x^ - x)' P^-1 (x^ - x) has the mean {:.3g}, expected {}", count,
-                             sum / count, n)};
+  return Finding{
+      largest_ratio * sigma(chain, sum, count * n) / 6, -1,
+      fmt::format("over {} steps (x^ - x)' P^-1 (x^ - x) has the mean {:.3g}, expected {}", count, sum / count, n)};
 }
 
 }  // namespace

@@ -103,7 +103,8 @@ int main(int argc, char** argv) {
   if (there_is("python3"))
     all.push_back({"program, Python: `textbook.py`", "", exec_subject("python3 '" + examples + "textbook.py'")});
   if (there_is("octave-cli"))
-    all.push_back({"program, Octave: `textbook.m`", "", exec_subject("octave-cli --quiet '" + examples + "textbook.m'")});
+    all.push_back(
+        {"program, Octave: `textbook.m`", "", exec_subject("octave-cli --quiet '" + examples + "textbook.m'")});
 
   const System system = dense_system();
   for (const Contender& one : all) steps_a_second(*one.subject, system);  // starts it
@@ -111,7 +112,8 @@ int main(int argc, char** argv) {
     for (Contender& one : all) one.best = std::max(one.best, steps_a_second(*one.subject, system));
 
   std::ostringstream table;
-  table << "On " << performance::processor() << ".\n\n| filter | steps a second | microseconds a step |\n| --- | ---: | ---: |\n";
+  table << "On " << performance::processor()
+        << ".\n\n| filter | steps a second | microseconds a step |\n| --- | ---: | ---: |\n";
   for (const Contender& one : all)
     table << "| " << one.name << " | " << rounded(one.best) << " | " << rounded(1e6 / one.best) << " |\n";
   std::cout << table.str();
