@@ -32,11 +32,24 @@ end
 
 % ---- Protocol 1: a request a line, a line in reply, flushed ----
 
+% The numbers of what jsondecode makes of an array, as a row. What is not finite is a word, and makes cells of the array.
+function x = numbers_of (value)
+  if (ischar (value))
+    x = str2double (value);
+  elseif (iscell (value))
+    x = cell2mat (cellfun (@numbers_of, value(:)', "UniformOutput", false));
+  else
+    x = double (value(:))';
+  end
+end
+
 % A matrix from what jsondecode makes of an array of rows: a column where a row was meant, and nothing where there are no
 % entries.
 function X = matrix (value, rows, cols)
   if (rows * cols == 0)
     X = zeros (rows, cols);
+  elseif (iscell (value))
+    X = reshape (numbers_of (value), cols, rows)';
   else
     X = reshape (double (value), rows, cols);
   end
@@ -84,16 +97,16 @@ while (true)
       A = matrix (request.A, n, n);
       B = matrix (request.B, n, m);
       Q = matrix (request.Q, m, m);
-      p = numel (request.C) / n;
+      p = numel (numbers_of (request.C)) / n;
       C = matrix (request.C, p, n);
       R = matrix (request.R, p, p);
       D = u = y = [];
       if (isfield (request, "u"))
-        u = request.u(:);
+        u = numbers_of (request.u)';
         D = matrix (request.D, n, numel (u));
       end
       if (isfield (request, "y"))
-        y = request.y(:);
+        y = numbers_of (request.y)';
       end
       [filter, K] = step_filter (filter, A, B, C, Q, R, D, u, y);
       text = ['{"x":[' numbers(filter.x) '],"P":' rows_of(filter.P)];

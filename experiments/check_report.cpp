@@ -226,9 +226,22 @@ ordered_json subject_json(const CheckedSubject& subject) {
                                  {"systems", one.systems},
                                  {"sentence", one.sentence()}});
   }
+  json["candidates"] = ordered_json::array();
+  for (const properties::Candidate& one : subject.candidates)
+    json["candidates"].push_back({{"mistake", one.mistake->id},
+                                  {"likeness", one.likeness},
+                                  {"laws_alike", one.alike},
+                                  {"laws_either", one.either},
+                                  {"systems", one.systems},
+                                  {"digits", one.digits},
+                                  {"right_digits", one.right_digits},
+                                  {"sentence", one.sentence()}});
   json["fingerprint"] = subject.fingerprint ? fingerprint_json(*subject.fingerprint) : ordered_json(nullptr);
   return json;
 }
+
+/// How candidates are announced.
+constexpr const char* guess = "No mistake known here explains its answers. A guess, it is like a filter that";
 
 std::string xml(std::string_view text) {
   std::string escaped;
@@ -325,6 +338,10 @@ std::string check_text(const CheckedSubject& subject, bool color) {
   }
   for (const properties::Diagnosis& one : subject.diagnosis)
     text += fmt::format("\n{}{}", &one == &subject.diagnosis.front() ? "" : "or: ", wrapped(one.sentence(), 0));
+  if (!subject.candidates.empty()) {
+    text += std::string("\n") + guess + ":\n";
+    for (const properties::Candidate& one : subject.candidates) text += wrapped(one.sentence(), 2);
+  }
   if (const LawOutcome* shown = most_telling(subject)) {
     const properties::Failure& failure = *shown->failure;
     const auto i = static_cast<std::size_t>(shown - r.laws.data());
@@ -414,6 +431,11 @@ std::string check_markdown(const std::vector<CheckedSubject>& subjects) {
     if (const auto said = refusals(subject.report); !said.empty()) text += said + "\n\n";
     if (subject.fault) text += fmt::format("**{}**: {}\n\n", subject.fault->kind, subject.fault->what);
     for (const properties::Diagnosis& one : subject.diagnosis) text += one.sentence() + "\n\n";
+    if (!subject.candidates.empty()) {
+      text += std::string(guess) + ":\n\n";
+      for (const properties::Candidate& one : subject.candidates) text += fmt::format("- {}\n", one.sentence());
+      text += "\n";
+    }
     if (subject.fingerprint)
       text += fmt::format("{} {}.\n\n", subject.report.subject.name, sentence(*subject.fingerprint));
     reports::Table table{"", {"law", "verdict", "cases", "worst ratio"}, {}, {}};

@@ -27,6 +27,8 @@ struct CheckedSubject {
   std::string selected_by;
   /// What mistake it makes, where laws fail: the best first.
   std::vector<properties::Diagnosis> diagnosis;
+  /// Guesses, where no mistake explains what it answers: the likeliest first.
+  std::vector<properties::Candidate> candidates;
   /// Of what kind it is, if that was asked for and there was time.
   std::optional<Fingerprint> fingerprint;
   bool fingerprint_left_out = false;  ///< there was no time

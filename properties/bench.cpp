@@ -46,6 +46,13 @@ double norm(const Covariance& Q, std::int64_t k) {
   return Q.written == Covariance::Written::root ? X.lazyProduct(X.transpose()).norm() : X.norm();
 }
 
+/// k(R^{1/2}) where the subject whitens by it, else 1.
+double condition_of_whitening(const Traits& traits, const System& complete, std::int64_t k) {
+  if (!whitens(traits) || complete.R.value.rows() == 0) return 1;
+  const Precise X(complete.R.value.at(k));
+  return std::sqrt((complete.R.written == Covariance::Written::root ? X * X.transposed() : X).condition());
+}
+
 /// The bounds of the forms that hold P or a root of it: what each step commits by the tolerance of law one-step, carried on by
 /// F, theory (4.4), and of the gain, (4.6).
 class CovarianceBounds {
@@ -68,7 +75,12 @@ class CovarianceBounds {
         C.rows() == 0 ? 0 : std::sqrt(p) * truth.innovation_condition / reference::two_norm(truth.innovation);
     const double kappa = C.rows() == 0 ? 1 : r * Re_inverse, Kf = truth.filter_gain.norm();
     const double removed = (truth.P_predicted - truth.P_filtered).norm();
-    const double local = holds_root(traits_.holds) ? (1 + std::sqrt(kappa)) * formed
+    // As ObservedStep has it.
+    const double Pf = truth.P_filtered.norm(), whitening = condition_of_whitening(traits_, system_, k);
+    const double whitened_P = whitening > 1 ? whitening * 2 * Kf * c * Pf * (predicted ? a * a : 1) : 0;
+    const double whitened_K =
+        whitening > 1 ? whitening * (Kf + c * (Pf * Re_inverse + Kf * Kf)) * (predictor_ ? a : 1) : 0;
+    const double local = holds_root(traits_.holds) ? (1 + std::sqrt(kappa)) * formed + whitened_P
                                                    : kappa * (formed + removed * (predicted ? a * a : 1));
 
     const Index n = W_.rows();
@@ -79,7 +91,7 @@ class CovarianceBounds {
     const double carried = Re_inverse * std::sqrt(std::max(0.0, congruence(F, of_prior).trace()) *
                                                   std::max(0.0, congruence(C, of_prior).trace()));
     const double own = predictor_ ? a * Kf * r + std::sqrt(r * moved) : Kf * r + std::sqrt(r * prior);
-    gain_ = carried + rounding_ * own * Re_inverse;
+    gain_ = carried + rounding_ * (own * Re_inverse + whitened_K);
     G_ += rounding_ * own;
     Re_ += rounding_ * r;
     undamped_ = (G_ + a * Kf * Re_) * Re_inverse;
@@ -111,6 +123,16 @@ double norm_of_inverse(const Covariance& R, std::int64_t k) {
 bool same_numbers(const System& a, const System& b) {
   return a.steps == b.steps && same(a.A, b.A) && same(a.B, b.B) && same(a.C, b.C) && same(a.D, b.D) && same(a.Q, b.Q) &&
          same(a.R, b.R) && same(a.P0, b.P0) && same(a.x0, b.x0) && same_data(a, b);
+}
+
+bool whitens(const Traits& subject) { return holds_root(subject.holds) && subject.needs.positive_definite_R; }
+
+GainOfState gain_of_state(Instant instant, GainKind answered, const reference::Truth& truth, double A, double K_error) {
+  if (instant == Instant::predicted && answered == GainKind::filter)
+    return {A * truth.filter_gain.norm(), A * K_error};
+  const double K = (answered == GainKind::predictor ? truth.predictor_gain : truth.filter_gain).norm();
+  const double own = (instant == Instant::predicted ? truth.predictor_gain : truth.filter_gain).norm();
+  return {own, K > 0 ? K_error / K * own : K_error};
 }
 
 System delayed(const System& system) {
@@ -201,7 +223,8 @@ const Course& Bench::course(const System& system) {
   reference::FirstOrderBound bound(form, size, t.roundoff);
   CovarianceBounds of_covariance(t, course->gain_, complete, rounding);
   const auto stream = complete.data ? complete.data->open() : nullptr;
-  double x = 0, remembered = 0;
+  // moved: how large the terms are that x_{k|k-1} is made of.
+  double x = 0, remembered = 0, moved = system.x0.norm();
   for (std::size_t k = 0; k < truths->size(); ++k) {
     const auto step = static_cast<std::int64_t>(k);
     const reference::Truth& truth = (*truths)[k];
@@ -239,22 +262,27 @@ const Course& Bench::course(const System& system) {
       const double e = (data.y - C.lazyProduct(truth.x_predicted)).norm();
       const double Du = data.u.size() > 0 ? complete.D.at(step).norm() * data.u.norm() : 0;
       const double innovation = data.y.norm() + C.norm() * truth.x_predicted.norm();
-      // What updates before it predicts makes Kf and then A Kf, which may be far smaller than either.
-      const bool in_two = predicted && course->gain_ == GainKind::filter;
-      const double own_K = in_two      ? A.norm() * K.norm()
-                           : predicted ? truth.predictor_gain.norm()
-                                       : truth.filter_gain.norm();
-      const double gain_error = in_two ? A.norm() * now.K : K.norm() > 0 ? now.K / K.norm() * own_K : now.K;
+      const auto [own_K, gain_error] = gain_of_state(t.instant, course->gain_, truth, A.norm(), now.K);
       const Matrix<double>& F = predicted ? truth.closed_loop : truth.filtered_closed_loop;
-      const double inversion = inverts ? formed.information_amplification * formed.information.norm() * P.norm() : 1;
-      const double moved = predicted ? A.norm() * truth.x_predicted.norm() + Du : truth.x_predicted.norm();
-      // An array of T and R^{-1/2} C takes R^{-1/2} y along: what that rounds comes to x by T^{-1}, however small the gain.
-      const double taken_along = !inverts ? 0
-                                          : (predicted ? A.norm() : 1) * innovation *
-                                                std::sqrt(truth.P_filtered.norm() * norm_of_inverse(complete.R, step));
-      x = F.norm() * x + gain_error * e + rounding * (inversion * (moved + own_K * innovation) + taken_along);
+      const double terms = predicted ? A.norm() * truth.x_predicted.norm() + Du : truth.x_predicted.norm();
+      double local = terms + condition_of_whitening(t, complete, step) * own_K * innovation;
+      if (inverts) {
+        // x = T^{-1} z of an array that rounds T and z alike, by `amplified` relative to T; and R^{-1/2} y comes to z as it is,
+        // however small the gain. What holds Y and d = Y x in their place, x = Y^{-1} d, has the square of both,
+        // dx = P (dd - dY x): d loses with Y what Y - W W' cancels, theory (2.11), and is of the terms of x_{k|k-1}.
+        const bool squared = t.holds == Held::information;
+        const double P_filtered = truth.P_filtered.norm(), amplified = formed.information_amplification;
+        const double whitened = (predicted ? A.norm() : 1) * innovation *
+                                std::sqrt(P_filtered * norm_of_inverse(complete.R, step));
+        const double condition = formed.information.norm() * P.norm();
+        local = squared ? 2 * amplified * amplified * condition * (std::max(terms, moved) + own_K * innovation) +
+                              amplified * std::sqrt(condition) * whitened
+                        : amplified * condition * local + whitened;
+      }
+      x = F.norm() * x + gain_error * e + rounding * local;
       now.x = x;
-      if (!predicted) x += rounding * (A.norm() * truth.x_filtered.norm() + Du);  // of the prediction that comes next
+      moved = A.norm() * truth.x_filtered.norm() + Du;
+      if (!predicted) x += rounding * moved;  // of the prediction that comes next
     }
     course->bounds_.push_back(now);
   }

@@ -99,6 +99,18 @@ class Bench {
   std::int64_t steps_ = 0;
 };
 
+/// The gain by which an innovation moves the answered x, as large as it counts for rounding, and its error: of K, A Kf or Kf.
+/// What updates before it predicts makes Kf and then A Kf, which may be far smaller than either: there |A| |Kf|.
+struct GainOfState {
+  double size, error;
+};
+/// @param A  its norm    @param K_error  of the gain that is answered, absolute
+GainOfState gain_of_state(Instant instant, GainKind answered, const reference::Truth& truth, double A, double K_error);
+
+/// Whether the subject whitens the measurements, with R^{-1/2}: it holds a root, and needs an R that is positive definite. Then C
+/// and y are to it as if they were off by k(R^{1/2}) u.
+bool whitens(const Traits& subject);
+
 /// Whether two systems are the same numbers: model, initial condition, steps and data. What they are called is no matter.
 bool same_numbers(const System& a, const System& b);
 

@@ -76,9 +76,12 @@ class Check {
       ++report_.not_sent;
       return;
     }
-    for (LawOutcome& outcome : report_.laws) {
+    std::vector<std::size_t> broken;
+    for (std::size_t i = 0; i < report_.laws.size(); ++i) {
+      LawOutcome& outcome = report_.laws[i];
       const auto found = finding(outcome.law, system);
       if (!found) continue;
+      if (found->ratio > largest_ratio) broken.push_back(i);
       ++outcome.cases;
       outcome.max_ratio = std::max(outcome.max_ratio, found->ratio);
       if (found->ratio > largest_ratio && !outcome.failure)
@@ -92,8 +95,12 @@ class Check {
     if (number >= 0) {
       for (const std::string& name : classes(system)) ++report_.classes[name];
       if (report_.runs.size() < runs_kept || number % std::max(1, options_.cases / static_cast<int>(runs_kept)) == 0) {
-        if (report_.runs.size() == runs_kept) report_.runs.erase(report_.runs.begin());
+        if (report_.runs.size() == runs_kept) {
+          report_.runs.erase(report_.runs.begin());
+          report_.broken.erase(report_.broken.begin());
+        }
         report_.runs.push_back(run);
+        report_.broken.push_back(std::move(broken));
       }
     }
   }

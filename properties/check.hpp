@@ -62,6 +62,8 @@ struct CheckReport {
   bool interrupted = false, out_of_time = false;
   /// Runs for a diagnosis: some systems with what the subject answered.
   std::vector<Run> runs;
+  /// Which laws did not hold on the systems of `runs`: of each run its indices into `laws`.
+  std::vector<std::vector<std::size_t>> broken;
 
   bool passed() const;
 };

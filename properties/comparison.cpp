@@ -344,19 +344,22 @@ std::vector<Tolerance> tolerances(Bench& bench, const System& system, const Syst
           data.u.rows() > 0 && predicts ? product(dynamics.D, data.u.col(column)) : Vector<double>::Zero(size.n);
       const Vector<double> prior = predicted || !predicts ? x : Vector<double>(product(dynamics.A, x) + Du);
       const double e = (data.y.col(k) - product(now.C, prior)).norm();
-      // As in Course: what updates before it predicts makes Kf and then A Kf, which may be far smaller than either.
-      const bool in_two = predicted && !predictor;
-      const double own = in_two ? A * Kf : predicted ? truth.predictor_gain.norm() : Kf;
-      const double gain_error = in_two ? A * tolerance.K : K > 0 ? tolerance.K / K * own : tolerance.K;
+      const auto [own, gain_error] = gain_of_state(
+          predicted ? Instant::predicted : Instant::filtered, predictor ? GainKind::predictor : GainKind::filter, truth, A,
+          tolerance.K);
       const double Du_terms = dynamics.D.norm() * (data.u.rows() > 0 ? data.u.col(column).norm() : 0);
       const double moved = A * (predicted ? x.norm() + Kf * e : x.norm()) + (predicts ? Du_terms : 0);
       const double innovation = data.y.col(k).norm() + C * prior.norm();
-      double rounded = moved + own * innovation;
+      const double whitening = whitens(traits) && now.R.rows() > 0 ? std::sqrt(Precise(now.R).condition()) : 1;
+      double rounded = moved + own * whitening * innovation;
       if (inverts) {
-        // x is solved for with what P^{-1} is made of, and R^{-1/2} y comes to it by T^{-1}, however small the gain is.
-        if (P > 0) rounded *= std::max(1.0, P_bound / (u * P));
+        // x is solved for with what P^{-1} is made of, and R^{-1/2} y comes to it by T^{-1}, however small the gain is; by
+        // P R^{-T/2}, as Course has it, where Y is held.
+        const double enlarged = P > 0 ? std::max(1.0, P_bound / (u * P)) : 1;
+        rounded *= enlarged;
         const auto R_inverse = Precise(now.R).inverse();
-        rounded += (predicted ? A : 1) * (R_inverse ? std::sqrt(Pf * R_inverse->norm()) * innovation : infinity);
+        const double whitened = R_inverse ? std::sqrt(Pf * R_inverse->norm()) * innovation : infinity;
+        rounded += (predicted ? A : 1) * whitened * (traits.holds == Held::information ? std::sqrt(enlarged) : 1);
       }
       x_error = F.norm() * x_error + gain_error * e + 2 * u * rounded;
       tolerance.x = x_error + u * answer.state->norm();

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <span>
 #include <string>
 #include <vector>
@@ -31,5 +32,27 @@ struct Diagnosis {
 /// where no single mistake does. What explains counts as explained where nearly all systems on which a mistake shows agree.
 /// Mistakes that no system of the runs tells apart come together, the simplest first.
 std::vector<Diagnosis> diagnose(const Traits& traits, std::span<const Run> runs);
+
+/// A guess: a mistake that does not explain the subject's answers, but comes near to what is wrong with them.
+struct Candidate {
+  const Mistake* mistake = nullptr;
+  int alike = 0;    ///< laws that both break, on the systems on which the two were compared
+  int either = 0;   ///< laws that one of them breaks there
+  int systems = 0;  ///< how many these were
+  /// Of the pairs of a law and a system on which it fails for one of them, the share on which it fails for both: 0 to 1.
+  double likeness = 0;
+  /// As of a Diagnosis: digits to which the subject answers as such a filter does, and as the right filter does.
+  double digits = 0, right_digits = 0;
+
+  /// "forgets the process noise: 12 of 13 laws fail alike; 6 digits of its answers agree, with the right filter's 0"
+  std::string sentence() const;
+};
+
+/// Up to three mistakes for a subject whose answers no mistake explains, the likeliest first; none if none comes near. First by
+/// the answers: the twelve whose re-enactment gains the most digits over the right filter. These are checked on some of the
+/// subject's systems by the laws of the report, and ranked by likeness and digits gained (as a share of those that would explain
+/// them), which count the same. One that neither gains a digit nor breaks half of what is broken is none.
+/// @param stop  asked before each mistake is tried; may be empty
+std::vector<Candidate> candidates(const CheckReport& report, const std::function<bool()>& stop = {});
 
 }  // namespace kfstab::properties

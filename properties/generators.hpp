@@ -25,11 +25,10 @@ struct Options {
   Range m{0, 4};
   Range p{0, 6};
   std::int64_t most_steps = 12;
-  /// The worst condition number of a system, of A in its singular values and of Q, R and P0 in theirs, is 1e2 in half of all
-  /// systems, 1e4 in a quarter, 1e8 and this in an eighth each, and never above this, which is >= 1. That is P0's, if n > 1;
-  /// the others' are powers of 100 up to it. The widest ladder is 1e12: all filters pass on it. Above 1e14 a covariance may be
-  /// definite no more when rounded.
-  double worst_condition = 1e6;
+  /// The ladder of condition numbers: the worst of a system, of A in its singular values and of Q, R and P0 in theirs, is 1e2 in
+  /// half of all systems, 1e4 in a quarter, 1e8 and this in an eighth each, and never above this, which is >= 1. That is P0's, if
+  /// n > 1; the others' are powers of 100 up to it, 1 among them. Above 1e14 a covariance may be definite no more when rounded.
+  double worst_condition = 1e12;
   /// The largest spectral radius of a (single) A; above 1 in a quarter of all.
   double largest_radius = 1.25;
   /// Draw systems whose matrices change from step to step, a quarter of all: each matrix in half of these.

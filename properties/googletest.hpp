@@ -48,16 +48,19 @@ class TestedFilter {
     const bool alone = ::testing::UnitTest::GetInstance()->test_to_run_count() == 1;
     if (!report_) {
       report_ = run(alone ? std::vector<Law>{law} : all_laws());
-      if (!report_->passed())
+      if (!report_->passed()) {
         if (const auto found = diagnose(report_->subject, report_->runs); !found.empty())
           diagnosis_ = "It " + found.front().sentence() + "\n";
+        else if (const auto near = candidates(*report_); !near.empty())
+          diagnosis_ = "A guess: it is like a filter that " + near.front().sentence() + "\n";
+      }
     }
     for (const LawOutcome& outcome : report_->laws)
       if (outcome.law.id == law.id) return outcome;
     throw std::logic_error("no outcome of " + std::string(law.id));
   }
 
-  /// What mistake the filter makes, if one explains what it answers.
+  /// What mistake the filter makes, if one explains what it answers; else the likeliest guess, if there is one.
   const std::string& diagnosis() const { return diagnosis_; }
 
  private:

@@ -306,16 +306,28 @@ void ObservedStep::complete() {
     amplified.gain = predictor_gain() ? a * of_filter : of_filter;
     amplified.state_gain = answers_predicted() ? a * of_filter : of_filter;
   } else {
+    const double Pf = update ? update->P.norm() : 0;
     if (holds_root(subject.holds)) {
       condition = std::sqrt(kappa);
       amplified.P = (1 + condition) * formed;
+      if (whitens(subject) && measured > 0) {
+        // R^{1/2} Phi = C + E Phi, |E| <= u |R^{1/2}|: to the filter C is off by k(R^{1/2}) u |C|, and dP_{k|k} = -Kf dC P_{k|k}
+        // - P_{k|k} dC' Kf'.
+        amplified.whitening = std::sqrt(R.condition());
+        condition += amplified.whitening;
+        amplified.P += amplified.whitening * 2 * Kf * c * Pf * (answers_predicted() ? a * a : 1);
+      }
     } else {
       amplified.P = kappa * (formed + removed * (answers_predicted() ? a * a : 1));
     }
     const double of_predictor = (a * Kf * r + std::sqrt(r * moved)) * Re_inverse_norm;
     const double of_filter = (Kf * r + std::sqrt(r * P_prior)) * Re_inverse_norm;
-    amplified.gain = predictor_gain() ? of_predictor : of_filter;
-    amplified.state_gain = answers_predicted() ? std::max(of_predictor, a * of_filter) : of_filter;
+    // dKf = P_{k|k} dC' Re^{-1} - Kf dC Kf, and Kf = K~ R^{-1/2} in the end.
+    const double whitened =
+        amplified.whitening > 1 ? amplified.whitening * (Kf + c * (Pf * Re_inverse_norm + Kf * Kf)) : 0;
+    amplified.gain = predictor_gain() ? of_predictor + a * whitened : of_filter + whitened;
+    amplified.state_gain = (answers_predicted() ? std::max(of_predictor, a * of_filter) : of_filter) +
+                           (answers_predicted() ? a : 1) * whitened;
   }
 
   const double D = (before - before.transposed()).norm(), carried = (predicts ? a : 1) * (1 + KfC);

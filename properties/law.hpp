@@ -129,13 +129,16 @@ struct ObservedStep {
   /// (|R| + |C|^2 |P|) |Re^{-1}|, Frobenius norms, P the prior: by how much an inverse of Re enlarges the error with which Re is
   /// formed. Not less than k(Re), and far more where C hardly sees what is large in P. Infinite if Re is singular.
   double innovation_condition() const { return amplified.innovation; }
+  /// k(R^{1/2}) of a form that whitens the measurements, R^{-1/2} C and R^{-1/2} y, else 1.
+  double whitening() const { return amplified.whitening; }
   /// How large the rounding error of the answered P may be for a filter of the subject's kind, theory 4, absolute, divided by
   /// u (n + m + p): of the forms that hold P, kappa (|A|^2 |P| + |B|^2 |Q| + |K| |C P A'|) with the condition above for kappa;
   /// of those that hold a root, 1 + kappa^{1/2} and no last term; of those that hold P^{-1}, what they lose of that, |P|^2 fold.
   double amplification() const { return amplified.P; }
   /// The same of the gain, of the kind that it answers: (|A| |Kf| r + (r a)^{1/2}) |Re^{-1}|, r = |R| + |C|^2 |P|, a =
   /// |A|^2 |P| + |B|^2 |Q| (|Kf| and |P| for a filter gain): residual over Re, theory 2; and |P| (n^{1/2} |Y| |Kf| + |C|
-  /// |R^{-1}|) of an information filter, to which the error of its P_{k|k} adds.
+  /// |R^{-1}|) of an information filter, to which the error of its P_{k|k} adds. Whitening adds k(R^{1/2}) (|Kf| + |C| (|P_{k|k}|
+  /// |Re^{-1}| + |Kf|^2)).
   double gain_amplification() const { return amplified.gain; }
   /// The same of the state: |A x| + |K| (|y| + |C| |x|) + |D| |u|, what rounding does to the terms, times the condition of its
   /// solution for x of a form that has P^{-1}, and the gain's error times the innovation.
@@ -152,7 +155,7 @@ struct ObservedStep {
 
   /// What complete() makes of the rest: the numbers above, state_gain that of the gain of x.
   struct Amplification {
-    double innovation = 1, P = 0, gain = 0, state_gain = 0, state = 0, asymmetric = 0;
+    double innovation = 1, whitening = 1, P = 0, gain = 0, state_gain = 0, state = 0, asymmetric = 0;
     bool first_order = true;
   } amplified = {};
 };

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <utility>
 
 #include <kfstab/filters/linear_solve.hpp>
@@ -436,7 +437,8 @@ constexpr Mistake all_mistakes[] = {
 /// The plain filter's lines, with the mistakes at their moments.
 class Reenactment {
  public:
-  Reenactment(std::span<const Mistake* const> made, const Traits& traits) : made_(made), traits_(traits) {}
+  Reenactment(std::span<const Mistake* const> made, const Traits& traits, double disturbance)
+      : made_(made), traits_(traits), disturbance_(disturbance) {}
 
   std::optional<std::vector<Answer>> run(const System& system, const Problem<CovarianceModel<double>>& given) {
     with_data_ = system.data != nullptr;
@@ -517,8 +519,11 @@ class Reenactment {
     f_.x_prior = f_.x;
     f_.innovation = f_.y - times(f_.C, f_.x).col(0);
     f_.Re = f_.R + congruence(f_.C, f_.P);
+    disturb(f_.Re);
     if (!at(Moment::innovated) || !weigh(f_, f_.Re) || !at(Moment::weighed)) return false;
     update_by(f_, f_.Kf);
+    disturb(f_.P);
+    disturb(f_.x);
     return at(Moment::updated);
   }
 
@@ -528,13 +533,54 @@ class Reenactment {
     f_.P = congruence(f_.A, f_.P) + congruence(f_.B, f_.Q);
     f_.x = times(f_.A, f_.x).col(0);
     if (f_.u.size() > 0) f_.x += times(f_.D, f_.u).col(0);
+    disturb(f_.P);
+    disturb(f_.x);
     return at(Moment::predicted);
+  }
+
+  /// Every entry up or down; those across the diagonal of a square matrix alike.
+  template <class Derived>
+  void disturb(Eigen::MatrixBase<Derived>& X) {
+    if (disturbance_ == 0) return;
+    for (Index j = 0; j < X.cols(); ++j)
+      for (Index i = 0; i < X.rows(); ++i) {
+        if (X.rows() == X.cols() && i < j) continue;
+        chance_ = chance_ * 6364136223846793005u + 1442695040888963407u;
+        const double factor = 1 + ((chance_ >> 63) != 0 ? disturbance_ : -disturbance_);
+        X(i, j) *= factor;
+        if (X.rows() == X.cols() && i != j) X(j, i) *= factor;
+      }
   }
 
   std::span<const Mistake* const> made_;
   const Traits& traits_;
+  double disturbance_;
+  std::uint64_t chance_ = 1986;
   PlainFilter f_;
   bool with_data_ = false;
+};
+
+class MistakenFilter final : public Subject {
+ public:
+  MistakenFilter(Traits traits, std::vector<const Mistake*> made) : traits_(std::move(traits)), made_(std::move(made)) {
+    traits_.holds = Held::covariance;
+    traits_.takes = Parametrisation::covariance;
+    traits_.asymmetry.reset();  // whatever the subject's coding is, it is not this one's
+  }
+
+  const Traits& traits() const override { return traits_; }
+  Ending run(const System& system, const std::function<bool(std::int64_t, const Answer&)>& each) override {
+    const auto numbers = covariance_numbers(system);
+    const auto answers = numbers ? reenact(system, *numbers, traits_, made_) : std::nullopt;
+    if (!answers) return {Ending::Kind::refused, -1, "does not fit"};
+    for (std::size_t k = 0; k < answers->size(); ++k)
+      if (!each(static_cast<std::int64_t>(k), (*answers)[k])) break;
+    return {};
+  }
+
+ private:
+  Traits traits_;
+  std::vector<const Mistake*> made_;
 };
 
 }  // namespace
@@ -549,8 +595,13 @@ std::optional<Problem<CovarianceModel<double>>> covariance_numbers(const System&
 }
 
 std::optional<std::vector<Answer>> reenact(const System& system, const Problem<CovarianceModel<double>>& numbers,
-                                           const Traits& traits, std::span<const Mistake* const> made) {
-  return Reenactment(made, traits).run(system, numbers);
+                                           const Traits& traits, std::span<const Mistake* const> made,
+                                           double disturbance) {
+  return Reenactment(made, traits, disturbance).run(system, numbers);
+}
+
+std::unique_ptr<Subject> mistaken(Traits traits, std::vector<const Mistake*> made) {
+  return std::make_unique<MistakenFilter>(std::move(traits), std::move(made));
 }
 
 }  // namespace kfstab::properties

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <memory>
 #include <optional>
 #include <span>
 #include <string_view>
@@ -70,7 +71,13 @@ std::optional<Problem<CovarianceModel<double>>> covariance_numbers(const System&
 /// What the plain filter answers with these mistakes, as a subject of such traits would: P as covariance, x where there are
 /// data, K where it answers one. Nothing where one of the mistakes does not fit the system, or Re is singular.
 /// @param numbers  covariance_numbers(system)
+/// @param disturbance  by how much, relatively, each entry of Re and of P and x as they are predicted or updated is off, up or
+///                     down by chance: what the answers lose by it another coding may lose by rounding
 std::optional<std::vector<Answer>> reenact(const System& system, const Problem<CovarianceModel<double>>& numbers,
-                                           const Traits& traits, std::span<const Mistake* const> made);
+                                           const Traits& traits, std::span<const Mistake* const> made,
+                                           double disturbance = 0);
+
+/// The plain filter with these mistakes, as a subject of such traits that holds P. It declines what reenact has no answer for.
+std::unique_ptr<Subject> mistaken(Traits traits, std::vector<const Mistake*> made);
 
 }  // namespace kfstab::properties

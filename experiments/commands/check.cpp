@@ -193,6 +193,8 @@ int check_command(const CheckArguments& arguments) {
           };
           properties::check(*subject, options, one.report);
           if (one.failed() > 0) one.diagnosis = properties::diagnose(one.report.subject, one.report.runs);
+          if (one.failed() > 0 && one.diagnosis.empty())
+            one.candidates = properties::candidates(one.report, no_time_left);
           if (!arguments.fingerprint) return;
           one.fingerprint = fingerprint(*subject, no_time_left);
           one.fingerprint_left_out = !one.fingerprint;

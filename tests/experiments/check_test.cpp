@@ -71,6 +71,7 @@ TEST_F(Check, NamesTheMistakeAndShowsItOnAScalar) {
   ASSERT_FALSE(found["diagnosis"].empty());
   EXPECT_EQ(found["diagnosis"][0]["mistake"], "r-squared");
   EXPECT_GE(found["diagnosis"][0]["digits"], 10);
+  EXPECT_TRUE(found["candidates"].empty()) << "what is sure needs no guess";
   const json broken = law(found, "one-step");
   ASSERT_EQ(broken["status"], "fail");
   EXPECT_FALSE(broken["hint"].get<std::string>().empty());
@@ -92,6 +93,31 @@ TEST_F(Check, NamesTheMistakeAndShowsItOnAScalar) {
   // What is in the folder is tried first, of a right filter without a case drawn.
   EXPECT_EQ(kfstab("check --cases 0 --no-fingerprint --regressions kept " + right), 0) << out();
   EXPECT_EQ(kfstab("check --cases 0 --no-fingerprint --regressions kept " + wrong), 1) << out();
+}
+
+// R^2 for R, and all answers are written with six digits besides: no re-enactment answers the same.
+TEST_F(Check, GuessesWhereNoMistakeExplainsTheAnswers) {
+  ASSERT_EQ(kfstab("check --cases 60 --no-fingerprint --json results.json --markdown it.md --exec '" KFSTAB_FOREIGN_FILTER
+                   " r-squared-short'"),
+            1)
+      << err();
+  const json found = results();
+  EXPECT_TRUE(found["diagnosis"].empty());
+  const json& guesses = found["candidates"];
+  ASSERT_FALSE(guesses.empty());
+  EXPECT_LE(guesses.size(), 3u);
+  EXPECT_EQ(guesses[0]["mistake"], "r-squared") << guesses;
+  EXPECT_GT(guesses[0]["digits"], guesses[0]["right_digits"]);
+  EXPECT_GT(guesses[0]["likeness"], 0);
+  EXPECT_LE(guesses[0]["likeness"], 1);
+  EXPECT_LE(guesses[0]["laws_alike"], guesses[0]["laws_either"]);
+  EXPECT_GT(guesses[0]["systems"], 0);
+  // What is a guess is called one.
+  EXPECT_NE(out().find("A guess"), std::string::npos) << out();
+  EXPECT_NE(out().find("takes R for R^{1/2}"), std::string::npos) << out();
+  const std::string markdown = read(folder / "it.md");
+  EXPECT_NE(markdown.find("A guess"), std::string::npos);
+  EXPECT_NE(markdown.find("- " + guesses[0]["sentence"].get<std::string>() + "\n"), std::string::npos);
 }
 
 TEST_F(Check, ReportsForCiHaveEachFailure) {

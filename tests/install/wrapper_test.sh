@@ -294,6 +294,9 @@ check 'hands on its arguments, and where the pages are' "$out" "$tree: ?--docs? 
 program_exit=0
 kfstab benchmark reference
 check 'that of the reference' "$out" "$tree: ?$tree/docs/performance.md?"
+kfstab benchmark protocol
+check 'that of protocol 1' "$out" "$tree: ?$tree/docs/performance.md?"
+check 'builds it' "$(cat "$calls")" '*kfstab_protocol_benchmark'
 kfstab list
 check 'the folder keeps them' "$(count cmake)" 1
 

@@ -403,6 +403,64 @@ TEST(Trajectory, OfAFilterThatUpdatesBeforeItPredictsMayRoundItsGain) {
   }
 }
 
+// The same in another basis: Kf is of size 2^-9, A Kf is 0, and in the turned basis A times what Kf rounds is not.
+TEST(Comparisons, OfAFilterThatUpdatesBeforeItPredictsMayRoundItsGain) {
+  const System system = read_toml(
+      "name = 'cancels'\nsteps = 1\nA = {diagonal = [1, 0]}\nB = [[], []]\nC = [[0, 1]]\nQ = []\nR = [[1]]\n"
+      "P0 = {diagonal = [16, 0.001953125]}\nx0 = [0, 0]\n");
+  const auto law = laws([](std::string_view id) { return id == "similarity"; }).at(0);
+  for (const char* id : {"ud", "potter", "carlson", "svd", "srcf", "ckf"}) {
+    Truths truths;
+    const auto filter = built_in(id);
+    Bench bench(*filter, truths);
+    EXPECT_LE(law.examine(bench, system)->ratio, largest_ratio) << id;
+  }
+}
+
+// Y = 2^20 is told by Q = I that little is left of it: Y - W W' = 1 - 2^-20 has lost 20 digits of 2^20, and d = Y x with it,
+// although no measurement moves x.
+TEST(Trajectory, OfAFilterThatHoldsYItsStateLosesWithYWhatTheTimeUpdateTakesOff) {
+  const System system = read_toml(
+      "name = 'forgets'\nsteps = 2\nA = [[1]]\nB = [[1]]\nC = []\nQ = [[1]]\nR = []\nP0 = [[9.5367431640625e-07]]\n"
+      "x0 = [-2072.4062849833654]\nmeasurements = [[], []]\n");
+  const auto about = laws([](std::string_view id) { return id == "trajectory" || id == "batch"; });
+  ASSERT_EQ(about.size(), 2u);
+  for (const char* id : {"information", "srif", "srif-hessenberg", "srcf"})
+    for (const Law& law : about) {
+      Truths truths;
+      const auto filter = built_in(id);
+      Bench bench(*filter, truths);
+      const auto finding = law.examine(bench, system);
+      ASSERT_TRUE(finding) << law.id << " of " << id;
+      EXPECT_LE(finding->ratio, largest_ratio) << law.id << " of " << id;
+    }
+  // The bound is of the size of the error: u 2^20 |x|, and the squares of a few constants.
+  Truths truths;
+  const auto filter = built_in("information");
+  Bench bench(*filter, truths);
+  const double lost = std::ldexp(unit_roundoff<double>(), 20) * 2072, bound = bench.course(system).x_bound(1);
+  EXPECT_GE(bound, lost);
+  EXPECT_LE(bound, 1000 * lost);
+}
+
+// Phi = R^{-1/2} C is off by k(R^{1/2}) u, although Re is as well-conditioned as can be: ud, potter and carlson lose that.
+class Whitened : public ::testing::TestWithParam<const char*> {};
+TEST_P(Whitened, LosesTheConditionOfR) {
+  for (const char* d : {"0.0001220703125", "1e-6", "1e-7"}) {
+    const System system = read_toml(std::string("name = 'whitened'\nsteps = 2\nA = {identity = 2}\nB = [[], []]\n"
+                                                "C = {identity = 2}\nQ = []\nR_root = [[") +
+                                    d + ", 0], [1, 1]]\nP0 = {identity = 2}\nx0 = [1, 2]\nmeasurements = [[1, 2], [2, 1]]\n");
+    for (const Law& law : all_laws()) {
+      Truths truths;
+      const auto filter = built_in(GetParam());
+      Bench bench(*filter, truths);
+      const auto finding = law.examine(bench, system);
+      EXPECT_TRUE(!finding || finding->ratio <= largest_ratio) << law.id << ": " << finding->ratio << ", d = " << d;
+    }
+  }
+}
+INSTANTIATE_TEST_SUITE_P(Filters, Whitened, ::testing::Values("ud", "potter", "carlson", "srcf", "svd", "ckf"));
+
 TEST(Comparisons, AnInputThatIsLate) {
   Spoilt late{.before = [last = std::optional<Vector<double>>()](Given& given, State& now) mutable {
     if (!given.u) return;

@@ -146,6 +146,22 @@ const Mistake mistakes[] = {
     {"joseph", "ASmallerGainInTheTextbooksForm", [](Filter& f) { f.of_gain = [](Work& w) { w.Kf *= 0.9; }; }},
     {"gain-optimality", "ASmallerGainInJosephsForm", [](Filter& f) { f.of_gain = [](Work& w) { w.Kf *= 0.9; }; },
      joseph},
+    {"duality", "AGainThatIsLate",
+     [](Filter& f) {
+       f.after_all = [late = Filter::M()](Work& w) mutable {
+         if (w.k == 0) late = w.Kf;
+         if (late.rows() == w.Kf.rows() && late.cols() == w.Kf.cols()) std::swap(late, w.Kf);
+       };
+     }},
+    {"duality", "P0IsTakenAsARoot",
+     [](Filter& f) {
+       f.before = [](Work& w) {
+         if (w.k == 0) w.P = (w.P * w.P.transpose()).eval();
+       };
+     }},
+    {"duality", "AStateMovedByAnotherGain",
+     [](Filter& f) { f.update_state = [](Work& w, const Filter::V& e) { w.x += 0.999 * (w.Kf * e); }; }},
+    {"duality", "AnInputThatIsSubtracted", [](Filter& f) { f.before = [](Work& w) { w.D *= -1; }; }},
     {"state-update", "TheInnovationAfterTheUpdate",
      [](Filter& f) { f.update_state = [](Work& w, const Filter::V& e) { w.x += w.Kf * (e - w.C * (w.Kf * e)); }; }},
     {"zero-innovation", "ABiasOfTheMeasurement",
@@ -190,6 +206,12 @@ const Mistake mistakes[] = {
      60},
     {"nees", "AStateThatIsNotUpdated", [](Filter& f) { f.update_state = [](Work&, const Filter::V&) {}; }, state_alone,
      60},
+    // Too sure of itself by a factor of four: of 60 chi-squared numbers with the mean 4 Chernoff's bound is at 9.8 sigma, 49 of
+    // the ratio, if they do not depend on one another. And not sure enough.
+    {"nees", "APThatIsAQuarter", [](Filter& f) { f.answered = [](Answer& a, std::int64_t) { a.held /= 4; }; }, state_alone,
+     largest_ratio},
+    {"nees", "VariancesInTheSquareOfAnotherUnit",
+     [](Filter& f) { f.answered = [](Answer& a, std::int64_t) { a.held *= 1e4; }; }, state_alone, 60},
     {"whiteness", "AStateThatIsNotUpdated", [](Filter& f) { f.update_state = [](Work&, const Filter::V&) {}; },
      state_alone, 60},
 };

@@ -100,8 +100,9 @@ TEST(Generator, DrawsEveryClassAtItsShare) {
       {"partially observed", 1.0 / 6, of_class("partially observed"), several_and_outputs},
       {"singular A", 1.0 / 6, of_class("singular A"), constant},
       {"non-symmetric A", 5.0 / 6, of_class("non-symmetric A"), observed},
-      // Orthogonal ones, of a condition number of 1, are normal: of the worst of 1e2, 1e4, 1e6 a half, a third, a quarter.
-      {"non-normal A", 5.0 / 6 - 4.0 / 6 * (1.0 / 4 + 1.0 / 12 + 1.0 / 16), of_class("non-normal A"), observed},
+      // Orthogonal ones, of a condition number of 1, are normal: of the worst of 1e2, 1e4, 1e8, 1e12 a half, a third,
+      // a fifth, a seventh.
+      {"non-normal A", 5.0 / 6 - 4.0 / 6 * (1.0 / 4 + 1.0 / 12 + 1.0 / 40 + 1.0 / 56), of_class("non-normal A"), observed},
       {"singular P0", 1.0 / 6, of_class("singular P0"), {}},
       {"singular Q", 1.0 / 6, of_class("singular Q"), [](const System& s, const Classes&) { return s.B.cols() > 0; }},
       {"correlated R", 2.0 / 3, of_class("correlated R"),
@@ -112,7 +113,6 @@ TEST(Generator, DrawsEveryClassAtItsShare) {
   // What depends on a share of another kind is looked at without it.
   Options plain;
   plain.singular = plain.units = plain.time_varying = false;
-  plain.worst_condition = 1e12;
   expect_shares(plain, 800,
                 {{"unstable A", 1.0 / 4, of_class("unstable A"), {}},
                  {"k >= 1e4", 1.0 / 2, of_class("k >= 1e4"), several},

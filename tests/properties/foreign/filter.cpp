@@ -123,7 +123,7 @@ void serve(const char* file) {
         request.matrix("C", p, n, C);
         request.matrix("R", p, p, R);
         request.vector("y", p, y);
-        if (is("r-squared")) R = R * R;
+        if (is("r-squared") || is("r-squared-short")) R = R * R;
         filter.update(C.cast<Scalar>(), R.cast<Scalar>(), y.cast<Scalar>());
       };
       if (!predicts_first) update();
@@ -142,6 +142,16 @@ void serve(const char* file) {
       x = filter.x.template cast<double>();
       P = filter.P.template cast<double>();
       if (is("nan") && step == 1) P(0, 0) = std::nan("");
+      if (is("r-squared-short")) {
+        // As a stream writes them that nobody told otherwise.
+        const auto six_digits = [](double value) {
+          char text[32];
+          std::snprintf(text, sizeof text, "%.6g", value);
+          return std::strtod(text, nullptr);
+        };
+        x = x.unaryExpr(six_digits).eval();
+        P = P.unaryExpr(six_digits).eval();
+      }
       if (is("shape") && step == 1) P.conservativeResize(n, n + 1);
       reply.vector("x", x);
       if (is("root"))
