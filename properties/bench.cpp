@@ -236,7 +236,6 @@ const Course& Bench::course(const System& system) {
     const reference::Truth& formed = (*of_form)[k];
     const bool predicted = t.instant == Instant::predicted;
     const Matrix<double>& P = predicted ? truth.P_next : truth.P_filtered;
-    const Matrix<double>& K = course->gain_ == GainKind::predictor ? truth.predictor_gain : truth.filter_gain;
     const Matrix<double>&A = complete.A.at(step), &C = complete.C.at(step);
     if (inverts) {
       now.P = bound.advance(formed) * P.norm();
