@@ -14,7 +14,7 @@ inline constexpr Index greatest_inverse = 8 * width;
 
 KFSTAB_INLINE V magnitude(V x) { return (V)((Lanes)x & 0x7fffffffffffffff); }
 /// NaN where one of them is.
-KFSTAB_INLINE V larger(V x, V most) { return (x > most) | (x != x) ? x : most; }
+KFSTAB_INLINE V larger(V x, V most) { return ((x > most) | (x != x)) ? x : most; }
 KFSTAB_INLINE double larger(double x, double most) { return x > most || x != x ? x : most; }
 KFSTAB_INLINE double largest_lane(V x) {
   return fold_lanes(x, [](V a, V b) KFSTAB_INLINED { return larger(b, a); }, AllLanes{})[0];
