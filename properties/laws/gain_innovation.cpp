@@ -30,6 +30,9 @@ std::optional<Finding> of_covariance(const ObservedStep& s) {
   if (!coding) allowed = s.asymmetric() * C;
   // What whitens takes C for another, by k(R^{1/2}) u, and so is its residual.
   double scale = s.whitening() * (gain * innovation + std::sqrt(state * innovation));
+  // Nobody knows whether a foreign filter has formed Re^{-1}: that times Re is off from I by k(Re) u, and K Re from P C' by
+  // |P C'| times that.
+  if (!coding) scale = std::max(scale, (predictor ? A : 1) * PC.norm() * Re.condition());
   // A foreign filter that holds P^{-1} has its gain from it.
   if (s.holds_information()) scale = std::max(scale, s.gain_amplification() * s.Re.norm());
   return s.compare(predictor ? "K Re" : "Kf Re", *s.gain * Re, predictor ? s.A * PC : PC, scale, allowed);
@@ -58,17 +61,17 @@ Law law() {
       .statement =
           "K Re = A P C', Re = R + C P C' (Kf Re = P C' for a filter gain); of an information filter, which holds "
           "P_{k|k}, the same law as P_{k|k}^{-1} Kf = C' R^{-1}",
-      .assumptions = "none; a residual, so k(Re) does not enter: even a gain that is wrong by k(Re) u fulfils it",
+      .assumptions =
+          "none; a residual, so k(Re) does not enter where Re is solved with: even a gain that is wrong by k(Re) u fulfils it",
       .source = "theory 2; the definition of the gain",
       .tolerance =
           "30 u (n+m+p) (|K| r + (a r)^{1/2}), r = |R| + |C|^2 |P|, a = |A|^2 |P| + |B|^2 |Q| (a = |P| for a filter "
           "gain; |A| |Kf| for |K| in coding (v), and in one that nobody knows), times k(R^{1/2}) of a form that whitens by "
-          "R^{-1/2}; "
+          "R^{-1/2}; at least |A| |P C'| k(Re) of a coding that nobody knows, which may have formed Re^{-1}; "
           "30 u (n+m+p) (n^{1/2} |Y| |Kf| + |C| |R^{-1/2}|^2) for an information filter",
       .failure =
           "The gain does not belong to P: taken after the update instead of before, R used where its root is meant, a "
-          "factor "
-          "of A too many or too few, or the inverse of Re formed and multiplied.",
+          "factor of A too many or too few.",
       .examine = examine};
 }
 

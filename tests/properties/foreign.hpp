@@ -25,6 +25,7 @@ struct Style {
   std::optional<GainKind> gain = GainKind::filter;
   bool answers_root = false;  ///< S, P = S S'
   bool state = true;
+  bool inverts = false;  ///< the gain by Re^{-1}, formed; else Re is solved with
 };
 
 /// One filter, driven step by step; computes in Scalar. Its parts may be replaced, by wrong ones.
@@ -136,7 +137,10 @@ class Foreign final : public StepwiseFilter {
     if (!w.measured || w.C.rows() == 0) return;
     const M Re = w.R + w.C * w.P * w.C.transpose();
     const Eigen::PartialPivLU<M> lu(M(Re.transpose()));
-    w.Kf = lu.solve(M((w.P * w.C.transpose()).transpose())).transpose();
+    if (style_.inverts)
+      w.Kf = w.P * w.C.transpose() * Re.inverse();
+    else
+      w.Kf = lu.solve(M((w.P * w.C.transpose()).transpose())).transpose();
     call(of_gain);
     const V e = w.y - w.C * w.x;
     const V z = lu.solve(e);

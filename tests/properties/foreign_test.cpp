@@ -79,7 +79,7 @@ TEST_P(RightForeigner, ObeysEveryLawOnIllConditionedSystems) {
   expect_lawful(50, options);
 }
 
-// name, starts predicted, Joseph's form, symmetrises, gain, answers S, has a state
+// name, starts predicted, Joseph's form, symmetrises, gain, answers S, has a state, forms Re^{-1}
 const Foreigner foreigners[] = {
     {{"textbook", true, false, false, GainKind::filter, false, true}},
     {{"textbook_single", true, false, false, GainKind::filter, false, true}, true},
@@ -89,6 +89,8 @@ const Foreigner foreigners[] = {
     {{"without_state", true, true, false, GainKind::filter, false, false}},
     {{"predict_update", false, false, false, GainKind::filter, false, true}},
     {{"predict_update_joseph", false, true, true, GainKind::filter, false, true}},
+    {{"by_inverse", true, false, false, GainKind::predictor, false, true, true}},
+    {{"predict_update_joseph_by_inverse", false, true, false, GainKind::filter, false, true, true}},
     {{"predict_update_single", false, true, false, GainKind::filter, false, true}, true},
 };
 
