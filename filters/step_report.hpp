@@ -55,9 +55,10 @@ enum class Wanted {
 template <class Scalar>
 struct StepReport {
   Status status = Status::ok;
-  /// Reciprocal condition number in the 1-norm, estimated, of what the form must invert: Re for the forms that hold P,
-  /// Re^{1/2} for a square-root covariance filter (for the SVD filter in the 2-norm, as computed), R^{1/2} for scalar
-  /// updates, T or Y for an information filter. 1 where there is nothing to invert, NaN where it was not wanted.
+  /// Reciprocal condition number in the 1-norm, estimated or, by kernels and of small order, computed, of what the form must
+  /// invert: Re for the forms that hold P, Re^{1/2} for a square-root covariance filter (for the SVD filter in the 2-norm, as
+  /// computed), R^{1/2} for scalar updates, T or Y for an information filter. 1 where there is nothing to invert, NaN where it
+  /// was not wanted.
   Scalar rcond = Scalar(1);
 
   explicit operator bool() const { return status == Status::ok; }
