@@ -56,7 +56,8 @@ Explanation losses(const FilterRun& f, const AnalysisRun& analysis) {
   const auto errors = (holds_P ? f.covariance_error : f.gain_error).points();
   const Lookup root_condition(analysis.innovation_condition), cosine(analysis.cosine), gamma(analysis.gamma);
   const auto& of = analysis.information;
-  const Lookup A(of.A), Q_root(of.Q_root), R_root(of.R_root), spread(of.spread), inverse_cosine(of.inverse_cosine), T(of.T);
+  const Lookup A(of.A), Q_root(of.Q_root), R_root(of.R_root), spread(of.spread), inverse_cosine(of.inverse_cosine),
+      T(of.T);
   for (std::size_t i = 0; i < errors.step.size(); ++i) {
     const double lost = digits_lost(errors.value[i]), k = errors.step[i];
     if (!(lost > e.lost)) continue;
@@ -113,7 +114,8 @@ std::string cause_of_information(const Loss& loss, const Metadata& filter) {
   const Factor factors[] = {
       {of.A, "k(A)", "A is inverted"},
       {of.R_root, "k(R^{1/2})", "R^{1/2} is inverted"},
-      {of.spread * of.Q_root, "(t1/tm) k(Q^{1/2})", "Q^{1/2} is inverted, and w is known much better in one direction than in another"},
+      {of.spread * of.Q_root, "(t1/tm) k(Q^{1/2})",
+       "Q^{1/2} is inverted, and w is known much better in one direction than in another"},
       {of.spread * of.A, "(t1/tm) k(A)", "A is inverted, and w is known much better in one direction than in another"},
       {of.inverse_cosine, "1/cos3", "little is left of the information that the step began with"},
       {of.T, "k(T)", "P is made from what is held, by inverting it"}};

@@ -99,11 +99,7 @@ class HessenbergSquareRootInformationFilter {
     }
     S rcond = std::numeric_limits<S>::quiet_NaN();
     if (all_by_kernel(model, y != nullptr, wanted, rcond)) {
-      bool regular = wanted != Wanted::all || rcond >= tolerance_;
-      if (wanted == Wanted::gain)  // without outputs and data nothing was divided by it
-        for (Index j = 0; j < T_.rows(); ++j) regular = regular && next_(j, j) != S(0);
-      if (!regular)
-        return blame(Status::singular_information, rcond, model, next, y, u);
+      if (!is_regular_information_root(next_, wanted, rcond, tolerance_)) return blame(Status::singular_information, rcond, model, next, y, u);
       accept(y != nullptr, wanted != Wanted::factor);
       return {Status::ok, rcond};
     }

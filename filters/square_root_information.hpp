@@ -31,6 +31,17 @@ void information_gain(const TType& T, const CType& C_weighted, const RType& R_in
   }
 }
 
+/// Whether T+ is regular, as a kernel leaves it, which gives up where it divides by zero: without outputs and data it divides by
+/// nothing.
+template <class TType, class S>
+bool is_regular_information_root(const TType& T, Wanted wanted, const S& rcond, const S& tolerance) {
+  if (wanted == Wanted::all) return rcond >= tolerance;
+  bool regular = true;
+  if (wanted == Wanted::gain)
+    for (Index j = 0; j < T.rows(); ++j) regular = regular && T(j, j) != S(0);
+  return regular;
+}
+
 /// The square-root information filter: it holds T, upper, P_{k|k}^{-1} = T'T, and goes from k|k to k+1|k+1.
 ///
 ///       [ Q^{-1/2}      0          Q^{-1/2} z          ]     [ Qe^{-1/2}  *   *  ]
@@ -86,10 +97,7 @@ class SquareRootInformationFilter {
     if (y) right_hand_side(model, u);
     S rcond = std::numeric_limits<S>::quiet_NaN();
     if (all_by_kernel(model, next, y, wanted, rcond)) {
-      bool regular = wanted != Wanted::all || rcond >= tolerance_;
-      if (wanted == Wanted::gain)  // without outputs and data nothing was divided by it
-        for (Index j = 0; j < T_.rows(); ++j) regular = regular && next_(j, j) != S(0);
-      if (!regular) {
+      if (!is_regular_information_root(next_, wanted, rcond, tolerance_)) {
         const auto report = failed(Status::singular_information, rcond, model, y, u);
         return failed(report.status, rcond, next);
       }

@@ -270,7 +270,7 @@ const Course& Bench::course(const System& system) {
         // however small the gain. What holds Y and d = Y x in their place, x = Y^{-1} d, has the square of both,
         // dx = P (dd - dY x): d loses with Y what Y - W W' cancels, theory (2.11), and is of the terms of x_{k|k-1}.
         const bool squared = t.holds == Held::information;
-        const double P_filtered = truth.P_filtered.norm(), amplified = formed.information_amplification;
+        const double P_filtered = truth.P_filtered.norm(), amplified = formed.information_loss.amplification();
         const double whitened = (predicted ? A.norm() : 1) * innovation *
                                 std::sqrt(P_filtered * norm_of_inverse(complete.R, step));
         const double condition = formed.information.norm() * P.norm();

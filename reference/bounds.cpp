@@ -40,10 +40,10 @@ double FirstOrderBound::advance(const Truth& truth) {
       local *= 2 * constant_ * (1 + std::sqrt(truth.innovation_condition)) / truth.cosine * two_norm(P);
       break;
     case Held::information_factor:
-      local = 2 * constant_ * truth.information_amplification * two_norm(truth.information) * P.lazyProduct(P);
+      local = 2 * constant_ * truth.information_loss.amplification() * two_norm(truth.information) * P.lazyProduct(P);
       break;
     case Held::information:  // what is a root there is squared here
-      local = 2 * constant_ * truth.information_amplification * truth.information_amplification *
+      local = 2 * constant_ * truth.information_loss.amplification() * truth.information_loss.amplification() *
               two_norm(truth.information) * P.lazyProduct(P);
       break;
     case Held::gain: return std::numeric_limits<double>::quiet_NaN();

@@ -66,10 +66,8 @@ struct Truth {
   /// cos = ||S_{k+1|k}|| / ||[G S_{k+1|k}]|| = (||P_{k+1|k}|| / ||A P_{k|k-1} A' + B Q B'||)^{1/2}: how much of the
   /// predicted covariance is left after the downdate. 1 where both are 0.
   double cosine = 1;
-  /// What multiplies u in one step of a square-root information filter, k-1|k-1 to k|k; NaN unless the problem is an
-  /// information problem.
-  double information_amplification = 0;
-  InformationLoss information_loss;  ///< of which that is the amplification()
+  /// Its amplification() multiplies u in one step of a square-root information filter.
+  InformationLoss information_loss;
 };
 
 /// How far a filter is from the truth after one step: measured in the reference's precision, from the exact values of

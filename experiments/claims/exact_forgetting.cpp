@@ -91,8 +91,8 @@ Findings measure(const Settings& set) {
         reference::FirstOrderBound bound(*filter, {n, 2, p}), disturbed_bound = bound;
         for (std::size_t k = 0; k < measured.size(); ++k) {
           const Matrix<double> predicted = carried(Phi.of(filter->instant)[k], dP, other_Phi.of(filter->instant)[k]);
-          // What the two runs have rounded, as far as theory excuses it: a single A_k that is nearly singular may multiply
-          // it by 1e6 in an information filter.
+          // What the two runs have rounded, as far as theory excuses it: a single A_k that is nearly singular may
+          // multiply it by 1e6 in an information filter.
           const auto &P = Phi.P(filter->instant, k), &disturbed_P = disturbed_Phi.P(filter->instant, k);
           const double excused = bound.advance(Phi.truths[k]) * P.norm() +
                                  disturbed_bound.advance(disturbed_Phi.truths[k]) * disturbed_P.norm();

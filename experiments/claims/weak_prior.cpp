@@ -121,12 +121,14 @@ Claim claim() {
       .title = "A weak prior costs digits where P is held, half as many where a root is held, none in T",
       .statement =
           "Started from a large P0, filters that hold P lose as many digits as the prior has beyond the measurements, "
-          "Joseph's form included, and before it reaches 1/u whether they stay definite is chance; a square-root filter loses half as many, "
+          "Joseph's form included, and before it reaches 1/u it is chance whether they stay definite; a square-root filter "
+          "loses half as many, "
           "and an information filter none in what it holds.",
       .source = "derived here, after Verhaegen and Van Dooren (1986), theory (4.1)-(4.3)",
       .setup =
           "A = [1 .5 .125; 0 1 .5; 0 0 .9], B = [0; 0; .25], C = [1 0 0], Q = R = 1, P0 = prior I with prior = 2^0 ... "
-          "2^80, as it is written and in random orthogonal frames; worst of the first steps, against the reference, median of the frames. The slope of coding (ii) is not judged: whatever it "
+          "2^80, as it is written and in random orthogonal frames; worst of the first steps, against the reference, median "
+          "of the frames. The slope of coding (ii) is not judged: whatever it "
           "commits grows by 2 |l1 l2| = 2 a step, (3.ii).",
       .prediction =
           "k(Re^1/2) does not count with one output, but 1/cos^2 of (4.1) is the prior over R: slope 1 in the prior "

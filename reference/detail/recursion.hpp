@@ -149,7 +149,6 @@ class Recursion {
     truth.innovation_condition = Re.rows() == 1 ? 1 : condition(Re, Re_inverse);
     truth.cosine = cosine();
     truth.information_loss = is_information(source_) ? information_loss() : InformationLoss();
-    truth.information_amplification = truth.information_loss.amplification();
   }
 
   std::int64_t k() const { return k_; }

@@ -130,6 +130,6 @@ TEST(Damage, SymmetrisedCoding3) {
 TEST(Damage, WithoutTheAngleOfThePostArray) { expect_turned(Fault::without_cosine, {"post-array-angle"}); }
 
 TEST(Damage, ReferenceInDouble) {
-  expect_turned(Fault::reference_in_double, {"innovation-conditioning", "post-array-angle", "dyer-mcreynolds", "scalar-roots", "unexcited-mode",
-                                             "weak-prior"});
+  expect_turned(Fault::reference_in_double, {"innovation-conditioning", "post-array-angle", "dyer-mcreynolds",
+                                             "scalar-roots", "unexcited-mode", "weak-prior"});
 }

@@ -43,8 +43,7 @@ class ArrayFilter {
   using Model = RootModel<double>;
 
   explicit ArrayFilter(Dimensions d)
-      : S_(Matrix<double>::Zero(d.n, d.n)), Re_root_(Matrix<double>::Zero(d.p, d.p)), gain_(Matrix<double>::Zero(d.n, d.p)),
-        x_(Vector<double>::Zero(d.n)) {}
+      : S_(Matrix<double>::Zero(d.n, d.n)), gain_(Matrix<double>::Zero(d.n, d.p)), x_(Vector<double>::Zero(d.n)) {}
 
   void start(const Matrix<double>& S0, const Vector<double>& x0) {
     S_ = S0.triangularView<Eigen::Lower>();
@@ -70,7 +69,6 @@ class ArrayFilter {
       x_ = x;
     }
     S_ = array.block(p, p, n, n).triangularView<Eigen::Lower>();
-    Re_root_ = Re_root;
     return {Status::ok, 1};
   }
 
@@ -79,7 +77,7 @@ class ArrayFilter {
   const Vector<double>& state() const { return x_; }
 
  private:
-  Matrix<double> S_, Re_root_, gain_;
+  Matrix<double> S_, gain_;
   Vector<double> x_;
 };
 

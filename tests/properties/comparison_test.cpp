@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <initializer_list>
 #include <memory>
 #include <string>
 #include <utility>
@@ -371,18 +372,25 @@ TEST(Comparisons, SinglePrecisionInTheMiddle) {
   expect_broken({.after = [](const Given&, State& now) { now.P = now.P.cast<float>().cast<double>(); }}, "precision");
 }
 
+/// That the law applies to this system, and that these filters keep it.
+void expect_to_hold(std::string_view id, std::initializer_list<const char*> filters, const System& system) {
+  const auto law = laws([id](std::string_view one) { return one == id; }).at(0);
+  for (const char* name : filters) {
+    Truths truths;
+    const auto filter = built_in(name);
+    Bench bench(*filter, truths);
+    const auto finding = law.examine(bench, system);
+    ASSERT_TRUE(finding) << id << " of " << name;
+    EXPECT_LE(finding->ratio, largest_ratio) << id << " of " << name;
+  }
+}
+
 // The gain is 2e-8, but R^{-1/2} y goes through the array as it is: what it rounds is far more than u |K| |y|.
 TEST(Comparisons, WhatAnInformationFilterWeighsItRounds) {
   const System system = read_toml(
       "name = 'weak'\nsteps = 1\nA = {identity = 2}\nB = [[], []]\nC = [[0, 0.00647948573539845]]\nQ = []\nR_root = 8\n"
       "S0 = {diagonal = [0.125, 0.015625]}\n");
-  const auto law = laws([](std::string_view id) { return id == "similarity"; }).at(0);
-  for (const char* id : {"srif", "srif-hessenberg", "information"}) {
-    Truths truths;
-    const auto filter = built_in(id);
-    Bench bench(*filter, truths);
-    EXPECT_LE(law.examine(bench, system)->ratio, largest_ratio) << id;
-  }
+  expect_to_hold("similarity", {"srif", "srif-hessenberg", "information"}, system);
 }
 
 // Kf is of size 1 here, and A Kf, which moves the state, of 1e-16: what Kf rounds comes to x by A, not relative to A Kf.
@@ -393,14 +401,7 @@ TEST(Trajectory, OfAFilterThatUpdatesBeforeItPredictsMayRoundItsGain) {
       " [-1.9890695648019152, 2.2489453785949607, 2.5174664013486683, -0.8051148170016975]]\n"
       "C = [[1, 0]]\nQ = {identity = 4}\nR = [[1]]\nP0 = [[0, 0], [0, 0]]\nx0 = [0, 0]\n"
       "measurements = [[0], [1]]\n");
-  const auto law = laws([](std::string_view id) { return id == "trajectory"; }).at(0);
-  for (const char* id : {"ud", "potter", "carlson", "svd", "srcf", "ckf"}) {
-    Truths truths;
-    const auto filter = built_in(id);
-    Bench bench(*filter, truths);
-    const auto finding = law.examine(bench, system);
-    EXPECT_TRUE(!finding || finding->ratio <= largest_ratio) << id << ": " << finding->ratio;
-  }
+  expect_to_hold("trajectory", {"ud", "potter", "carlson", "svd", "srcf", "ckf"}, system);
 }
 
 // The same in another basis: Kf is of size 2^-9, A Kf is 0, and in the turned basis A times what Kf rounds is not.
@@ -408,13 +409,7 @@ TEST(Comparisons, OfAFilterThatUpdatesBeforeItPredictsMayRoundItsGain) {
   const System system = read_toml(
       "name = 'cancels'\nsteps = 1\nA = {diagonal = [1, 0]}\nB = [[], []]\nC = [[0, 1]]\nQ = []\nR = [[1]]\n"
       "P0 = {diagonal = [16, 0.001953125]}\nx0 = [0, 0]\n");
-  const auto law = laws([](std::string_view id) { return id == "similarity"; }).at(0);
-  for (const char* id : {"ud", "potter", "carlson", "svd", "srcf", "ckf"}) {
-    Truths truths;
-    const auto filter = built_in(id);
-    Bench bench(*filter, truths);
-    EXPECT_LE(law.examine(bench, system)->ratio, largest_ratio) << id;
-  }
+  expect_to_hold("similarity", {"ud", "potter", "carlson", "svd", "srcf", "ckf"}, system);
 }
 
 // Y = 2^20 is told by Q = I that little is left of it: Y - W W' = 1 - 2^-20 has lost 20 digits of 2^20, and d = Y x with it,
@@ -423,17 +418,8 @@ TEST(Trajectory, OfAFilterThatHoldsYItsStateLosesWithYWhatTheTimeUpdateTakesOff)
   const System system = read_toml(
       "name = 'forgets'\nsteps = 2\nA = [[1]]\nB = [[1]]\nC = []\nQ = [[1]]\nR = []\nP0 = [[9.5367431640625e-07]]\n"
       "x0 = [-2072.4062849833654]\nmeasurements = [[], []]\n");
-  const auto about = laws([](std::string_view id) { return id == "trajectory" || id == "batch"; });
-  ASSERT_EQ(about.size(), 2u);
-  for (const char* id : {"information", "srif", "srif-hessenberg", "srcf"})
-    for (const Law& law : about) {
-      Truths truths;
-      const auto filter = built_in(id);
-      Bench bench(*filter, truths);
-      const auto finding = law.examine(bench, system);
-      ASSERT_TRUE(finding) << law.id << " of " << id;
-      EXPECT_LE(finding->ratio, largest_ratio) << law.id << " of " << id;
-    }
+  for (const char* law : {"trajectory", "batch"})
+    expect_to_hold(law, {"information", "srif", "srif-hessenberg", "srcf"}, system);
   // The bound is of the size of the error: u 2^20 |x|, and the squares of a few constants.
   Truths truths;
   const auto filter = built_in("information");

@@ -160,7 +160,7 @@ TEST(Trajectory, InformationProblemIsTheSameSystemAsItsCovarianceProblem) {
       EXPECT_EQ(trajectory.truth().x_next(i), nearest(step.x_next(i))) << k;
       for (Index j = 0; j < 2; ++j) EXPECT_EQ(trajectory.truth().information(i, j), nearest(Y(i, j)));
     }
-    EXPECT_GT(trajectory.truth().information_amplification, 2);
+    EXPECT_GT(trajectory.truth().information_loss.amplification(), 2);
   }
 }
 
