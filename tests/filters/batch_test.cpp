@@ -100,6 +100,27 @@ TEST(SquareRootCovarianceBatch, IsSoManyFilters) {
         }
 }
 
+// Not an estimate: 1 / (|L|_1 |L^{-1}|_1) of the root that it shows. L^{-1} is rounded by p u k(L), rcond by p u.
+TEST(SquareRootCovarianceBatch, ComputesTheConditionOfTheInnovations) {
+  for (const std::string& isa : all_kernels()) {
+    if (isa == "plain") continue;  // does every filter alone, and that estimates
+    const WithKernels with(isa);
+    for (const Dimensions& d : {Dimensions{4, 2, 2}, Dimensions{1, 1, 1}, Dimensions{5, 3, 7}, Dimensions{9, 4, 3}}) {
+      SCOPED_TRACE(isa + " p=" + std::to_string(d.p));
+      SquareRootCovarianceBatch batch = batch_of(random_filters(d, 11));
+      batch.step();
+      for (Index i = 0; i < batch.count(); ++i) {
+        const Matrix<double> L = batch.innovation_root(i);
+        Matrix<double> inverse = Matrix<double>::Identity(d.p, d.p);
+        L.triangularView<Eigen::Lower>().solveInPlace(inverse);
+        const auto norm = [](const Matrix<double>& X) { return X.cwiseAbs().colwise().sum().maxCoeff(); };
+        const double rcond = 1 / (norm(L) * norm(inverse));
+        EXPECT_NEAR(batch.report(i).rcond, rcond, threshold * u * static_cast<double>(d.p)) << i;
+      }
+    }
+  }
+}
+
 // One with a NaN, one with a singular Re, one whose squares leave the range and one that is all zeros, among sound ones.
 TEST(SquareRootCovarianceBatch, LetsEveryFilterFailForItself) {
   for (const std::string& isa : all_kernels()) {
