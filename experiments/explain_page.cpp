@@ -128,7 +128,7 @@ reports::Table loss_table(const Explained& one) {
                   "digits",
                   "k(Re) there",
                   "1/cos^2",
-                  "(4.3)",
+                  "inversions (4.3)",
                   "||F||^2",
                   "asymmetry",
                   "half-word cancellations"};
