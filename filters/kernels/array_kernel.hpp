@@ -37,8 +37,8 @@ KFSTAB_INLINE Reflector reflector(double alpha, double square, bool& ok, Zero&& 
     return {alpha, 0, 0};
   }
   if (square == 0) return {alpha, 0, 0};
-  const double norm = root(norm2), beta = alpha < 0 ? norm : -norm, pivot = alpha - beta;
-  return {beta, pivot, 1 / (beta * pivot)};
+  const double norm = root(norm2), beta = -__builtin_copysign(norm, alpha);
+  return {beta, alpha - beta, -1 / fma(__builtin_fabs(alpha), norm, norm2)};
 }
 
 /// Entry k of U x, or of x if there is no U.
@@ -64,14 +64,25 @@ struct FixedSizes {
   static constexpr Constant<N> n{};
   static constexpr Constant<M> m{};
   static constexpr Constant<P> p{};
+  /// The columns of the pre-array in which a row is annihilated: those of C S, or of [A S, B Q] right of the diagonal.
+  template <Index Row>
+  KFSTAB_INLINE static constexpr auto first_column(Constant<Row>) {
+    return Constant<(Row < P ? 0 : Row - P + 1)>{};
+  }
+  template <Index Row>
+  KFSTAB_INLINE static constexpr auto end_column(Constant<Row>) {
+    return Constant<(Row < P ? N : N + M)>{};
+  }
   static constexpr Index most_columns = greatest(N + M, 1), most_heads = greatest(P, 1), most_states = greatest(N, 1),
-                         most_rows_of_gain = (M + width) / width * most_states;
+                         most_noises = greatest(M, 1), most_rows_of_gain = (M + width) / width * most_states;
 };
 struct RunTimeSizes {
   static constexpr bool known = false;
   bool has_last, transposed;
   Index n, m, p;
-  static constexpr Index most_columns = 48, most_heads = 4 * width, most_states = 4 * width,
+  KFSTAB_INLINE Index first_column(Index row) const { return row < p ? 0 : row - p + 1; }
+  KFSTAB_INLINE Index end_column(Index row) const { return row < p ? n : n + m; }
+  static constexpr Index most_columns = 48, most_heads = 4 * width, most_states = 4 * width, most_noises = 1,
                          most_rows_of_gain = 1;
 };
 
@@ -85,6 +96,19 @@ KFSTAB_INLINE void each_row(Index first, Index last, F&& f) {
   each(zero, Constant<vectors>{}, [&](auto v) KFSTAB_INLINED {
     for (Index row = greatest(first, v * width); row < least(last, (v + 1) * width); ++row) f(row, v);
   });
+}
+
+/// f(v) for the vector v that has a row, `from` or the one after it.
+template <Index Row, Index From, Index All, class F>
+KFSTAB_INLINE void with_vector_of(Constant<Row>, Constant<From>, Constant<All>, F&& f) {
+  f(Constant<Row / width>{});
+}
+template <Index From, Index All, class F>
+KFSTAB_INLINE void with_vector_of(Index row, Constant<From> from, Constant<All>, F&& f) {
+  if (row < (From + 1) * width)
+    f(from);
+  else if constexpr (From + 1 < All)
+    f(from + one);
 }
 
 /// f(k, chain) for k = first ... last - 1: sums in so many chains are not held up by the latency of an addition.
@@ -101,7 +125,12 @@ KFSTAB_INLINE void each_column(Index first, Index last, F&& f) {
   if (first < last) f(first, zero);
 }
 
-/// The entry of that row in all lanes.
+/// The entry of that row in all lanes, of its vector, or of the column.
+template <Index Row>
+KFSTAB_INLINE V lane(V x, Constant<Row>) {
+  return lane<Row % width>(x);
+}
+KFSTAB_INLINE V lane(V x, Index row) { return lane_of(x, row % width); }
 template <Index vectors, Index Row>
 KFSTAB_INLINE V entry(const V (&column)[vectors], Constant<Row>) {
   return lane<Row % width>(column[Row / width]);
@@ -154,7 +183,6 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
   const auto m = size.m;
   const auto p = size.p;
   const auto rows = p + n;  // without the last one
-  const auto columns = n + m;
   const Layout layout{size.transposed};
 
   // Columns [C S, 0; A S, B Q], what they are made from, and a column [Re; G] for each pivot of the first p rows.
@@ -162,22 +190,53 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
   double Ux[Sizes::most_states];
   if (size.has_last) each(zero, n, [&](auto k) KFSTAB_INLINED { Ux[k] = entry_of_Ux(step, k); });
 
-  // Rows low ... of a column, the first p from `above` if there is one, and the entry of the last row.
-  const auto load_column = [&](V(&to)[vectors], const Source* above, Index above_low, const Source& below,
-                               Index below_low, Index j, const double* last) KFSTAB_INLINED {
-    each(zero, all, [&](auto v) KFSTAB_INLINED {
-      const Index row = v * width;
-      V column{};
-      if (above && row < p) {
-        const Index low = greatest(above_low - row, 0), high = least(p - row, width);
-        if (low < high) column = load(layout.at(*above, row, j), layout.stride(*above), low, high);
-      }
-      if (row + width > p && row < rows) {
-        const Index low = greatest(p + below_low - row, 0), high = least(rows - row, width);
-        if (low < high) column += load(layout.at(below, row - p, j), layout.stride(below), low, high);
-      }
-      if (size.has_last && rows / width == v) column = with_lane(rows % width, column, splat(last[j]));
-      to[v] = column;
+  // Columns of p rows from `above` and n from `below`, X(i, j) = 0 for j > i + band of each, and a last row. Where matrices are
+  // stored row by row, tiles are loaded by rows and transposed: a vector along a column would be gathered entry by entry.
+  const auto load_columns = [&](V(*to)[vectors], auto count, const Source& above, Index above_band, const Source& below,
+                                Index below_band, const double* last) KFSTAB_INLINED {
+    if (layout.transposed) {
+      const auto row_part = [&](Index row, Index j) KFSTAB_INLINED {
+        const double* data = nullptr;
+        Index end = count;
+        if (row < p) {
+          data = above.data ? layout.at(above, row, 0) : nullptr;
+          end = least(end, row + above_band + 1);
+        } else if (row < rows) {
+          data = below.data ? layout.at(below, row - p, 0) : nullptr;
+          end = least(end, row - p + below_band + 1);
+        } else if (size.has_last && row == rows) {
+          data = last;
+        }
+        return data && j < end ? load(data + j, 1, 0, least(end - j, width)) : V{};
+      };
+      each(zero, all, [&](auto v) KFSTAB_INLINED {
+        each(zero, strips_of(count), [&](auto t) KFSTAB_INLINED {
+          V tile[width];
+          each(zero, Constant<width>{},
+               [&](auto l) KFSTAB_INLINED { tile[l] = row_part(v * width + l, t * width); });
+          transpose(tile);
+          each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
+            if (t * width + q < count) to[t * width + q][v] = tile[q];
+          });
+        });
+      });
+      return;
+    }
+    each(zero, count, [&](auto j) KFSTAB_INLINED {
+      each(zero, all, [&](auto v) KFSTAB_INLINED {
+        const Index row = v * width;
+        V column{};
+        if (above.data && row < p) {
+          const Index low = greatest(j - above_band - row, 0), high = least(p - row, width);
+          if (low < high) column = load(layout.at(above, row, j), 1, low, high);
+        }
+        if (below.data && row + width > p && row < rows) {
+          const Index low = greatest(p + greatest(j - below_band, 0) - row, 0), high = least(rows - row, width);
+          if (low < high) column += load(layout.at(below, row - p, j), 1, low, high);
+        }
+        if (size.has_last && rows / width == v) column = with_lane(rows % width, column, splat(last[j]));
+        to[j][v] = column;
+      });
     });
   };
   // X[first + j] = sum over k >= j of given[k] L(k, j)
@@ -193,116 +252,230 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
       each(zero, all, [&](auto v) KFSTAB_INLINED { X[first + j][v] = sum[v]; });
     });
   };
-  each(zero, n, [&](auto j) KFSTAB_INLINED {
-    const Index C_low = Sizes::known ? 0 : j - step.C_band, A_low = Sizes::known ? 0 : greatest(j - step.A_band, 0);
-    load_column(given[j], &step.C, C_low, step.A, A_low, j, Ux);
-  });
+  const Index C_band = Sizes::known ? Index(n) : step.C_band, A_band = Sizes::known ? Index(n) : step.A_band;
+  load_columns(given, n, step.C, C_band, step.A, A_band, Ux);
   multiply_lower(zero, n, step.S);
-  each(zero, m, [&](auto j) KFSTAB_INLINED { load_column(given[j], nullptr, 0, step.B, 0, j, step.y); });
+  load_columns(given, m, {}, 0, step.B, n + m, step.y);
   if (step.Q.data)
     multiply_lower(n, m, step.Q);
   else
     each(zero, m,
          [&](auto j) KFSTAB_INLINED { each(zero, all, [&](auto v) KFSTAB_INLINED { X[n + j][v] = given[j][v]; }); });
-  each(zero, p, [&](auto j) KFSTAB_INLINED {
-    each(zero, all, [&](auto v) KFSTAB_INLINED {
-      const Index row = v * width, low = greatest(j - row, 0), high = least(p - row, width);
-      V column{};
-      if (low < high) column = load(layout.at(step.R, row, j), layout.stride(step.R), low, high);
-      if (size.has_last && rows / width == v) column = with_lane(rows % width, column, splat(step.z[j]));
-      head[j][v] = column;
-    });
-  });
+  load_columns(head, p, step.R, 0, {}, 0, step.z);
 
   // Of an information filter's gain the right-hand sides: rows in lanes, and one more for the state. Where sizes are not known
   // information_results() does it.
   const auto rows_of_gain = strips_of(m + one);
   V gain[Sizes::most_rows_of_gain];
+  // Columns of the m rows that strip t of the gain has, X(i, j) = 0 for j > i + band.
+  const auto load_gain = [&](V* to, auto t, auto count, const Source& from, Index band) KFSTAB_INLINED {
+    const Index first = t * width;
+    if (!layout.transposed) {
+      each(zero, count, [&](auto j) KFSTAB_INLINED {
+        const Index low = greatest(j - band - first, 0), high = least(m - first, width);
+        to[j] = low < high ? load(layout.at(from, first, j), 1, low, high) : V{};
+      });
+      return;
+    }
+    each(zero, strips_of(count), [&](auto c) KFSTAB_INLINED {
+      V tile[width];
+      each(zero, Constant<width>{}, [&](auto l) KFSTAB_INLINED {
+        const Index row = first + l, j = c * width, end = least(count, row + band + 1);
+        tile[l] = row < m && j < end ? load(layout.at(from, row, j), 1, 0, least(end - j, width)) : V{};
+      });
+      transpose(tile);
+      each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
+        if (c * width + q < count) to[c * width + q] = tile[q];
+      });
+    });
+  };
   if (Sizes::known && step.Kf.data)
-    each(zero, rows_of_gain, [&](auto t) KFSTAB_INLINED {
-      const Index row = t * width, high = least(m - row, width);
+    each(zero, strips_of(m), [&](auto t) KFSTAB_INLINED {
+      if (step.QQB.data) {
+        load_gain(gain + t * n, t, n, step.QQB, n + m);
+        return;
+      }
+      V Q[Sizes::most_noises];
+      load_gain(Q, t, m, step.Q, 0);
       each(zero, n, [&](auto k) KFSTAB_INLINED {
         V sum{};
-        if (step.QQB.data) {
-          if (high > 0) sum = load(layout.at(step.QQB, row, k), layout.stride(step.QQB), 0, high);
-        } else {
-          each(zero, m, [&](auto i) KFSTAB_INLINED {
-            const Index low = greatest(i - row, 0);
-            if (low < high)
-              sum = fma(load(layout.at(step.Q, row, i), layout.stride(step.Q), low, high), entry(X[n + i], p + k), sum);
-          });
-        }
+        each(zero, m, [&](auto i) KFSTAB_INLINED { sum = fma(Q[i], entry(X[n + i], p + k), sum); });
         gain[t * n + k] = sum;
       });
     });
 
+  // Rows first ... last - 1 of columns, and of a lower triangle that alone, go out: by rows, in tiles, where matrices are stored
+  // so. What is not finite makes x - x a NaN.
+  V difference{};
+  const auto store_columns = [&](const auto* columns_of, auto count, Index first, Index last, bool lower,
+                                 const Target& to) KFSTAB_INLINED {
+    if (layout.transposed) {
+      each(zero, all, [&](auto v) KFSTAB_INLINED {
+        each(zero, strips_of(count), [&](auto t) KFSTAB_INLINED {
+          const Index j = t * width;
+          if (v * width >= last || (v + one) * width <= first || (lower && (v + one) * width <= first + j)) return;
+          V tile[width];
+          each(zero, Constant<width>{},
+               [&](auto q) KFSTAB_INLINED { tile[q] = j + q < count ? columns_of[j + q][v] : V{}; });
+          transpose(tile);
+          each(zero, Constant<width>{}, [&](auto l) KFSTAB_INLINED {
+            const Index row = v * width + l, end = lower ? least(count, row - first + 1) : Index(count);
+            if (row < first || row >= last || j >= end) return;
+            const V used = in_lanes(0, least(end - j, width), tile[l]);
+            difference += used - used;
+            store(layout.at(to, row - first, j), 1, 0, least(end - j, width), tile[l]);
+          });
+        });
+      });
+      return;
+    }
+    each(zero, count, [&](auto j) KFSTAB_INLINED {
+      each(zero, all, [&](auto v) KFSTAB_INLINED {
+        const Index row = v * width, low = greatest(first + (lower ? Index(j) : 0) - row, 0),
+                    high = least(last - row, width);
+        if (low >= high) return;
+        difference += columns_of[j][v] - columns_of[j][v];
+        store(layout.at(to, row - first, j), 1, low, high, columns_of[j][v]);
+      });
+    });
+  };
+  // Row after row. What is known of the one that is annihilated next: its reflector, and its products with all rows, summed in
+  // several chains.
   bool ok = true;
+  Reflector is{};
   V w[chains][vectors];
+  const auto pivot_column = [&](auto row) KFSTAB_INLINED -> V(&)[vectors] { return row < p ? head[row] : X[row - p]; };
+  const auto sum_of_chains = [&](auto v) KFSTAB_INLINED {
+    V sum = w[0][v] + w[1][v];
+    if constexpr (chains == 4) sum += w[2][v] + w[3][v];
+    return sum;
+  };
   const auto clear_products = [&](auto from) KFSTAB_INLINED {
     each(zero, Constant<chains>{},
          [&](auto c) KFSTAB_INLINED { each(from, all, [&](auto v) KFSTAB_INLINED { w[c][v] = V{}; }); });
   };
-  const auto add_products = [&](auto row, auto from, auto k, auto c) KFSTAB_INLINED {
-    const V x = entry(X[k], row);
-    each(from, all, [&](auto v) KFSTAB_INLINED { w[c][v] = fma(X[k][v], x, w[c][v]); });
+  // Of a row in vector v, whose products with the rows there are at hand.
+  const auto make_reflector = [&](auto row, auto v) KFSTAB_INLINED {
+    is = reflector(lane(pivot_column(row)[v], row)[0], lane(sum_of_chains(v), row)[0], ok, [&]() KFSTAB_INLINED {
+      Lanes bits{};
+      each(size.first_column(row), size.end_column(row), [&](auto k) KFSTAB_INLINED { bits |= (Lanes)X[k][v]; });
+      return lane(magnitude((V)bits), row)[0] == 0;
+    });
   };
-  // Rows above the pivot's in its vector are finished, or never were there, and what happens to them is of no account:
-  // so whole vectors are taken, from the pivot's on. The first `skip` of the columns have no part in the next row's w:
-  // there they are the head.
-  const auto reflect = [&](auto row, auto from, V(&pivot_column)[vectors], auto first, auto last, auto skip,
-                           auto next) KFSTAB_INLINED {
-    V sum[vectors], f[vectors];
-    each(from, all, [&](auto v) KFSTAB_INLINED {
-      sum[v] = w[0][v] + w[1][v];
-      if constexpr (chains == 4) sum[v] += w[2][v] + w[3][v];
-    });
-    const Reflector is = reflector(entry(pivot_column, row)[0], entry(sum, row)[0], ok, [&]() KFSTAB_INLINED {
-      bool none = true;
-      each(first, last, [&](auto k) KFSTAB_INLINED { none = none && entry(X[k], row)[0] == 0; });
-      return none;
-    });
+  // Does the reflector of a row, in vector `from`, to the rows below it, and prepares that of the next row. The vector that has the
+  // next row goes first: then the next reflector is known, and its root and its division are on their way while the vectors below
+  // follow.
+  const auto reflect = [&](auto row, auto from) KFSTAB_INLINED {
+    V(&pivots)[vectors] = pivot_column(row);
+    V f[vectors];
     const V pivot = splat(is.pivot), d = splat(is.d);
     each(from, all, [&](auto v) KFSTAB_INLINED {
-      f[v] = fma(pivot_column[v], pivot, sum[v]) * d;
-      pivot_column[v] = fma(f[v], pivot, pivot_column[v]);
+      const V product = fma(pivots[v], pivot, sum_of_chains(v));
+      f[v] = (v == from ? in_lanes(row % width + 1, width, product) : product) * d;
+      pivots[v] = fma(f[v], pivot, pivots[v]);
     });
-    pivot_column[from] = with_lane(row % width, pivot_column[from], splat(is.beta));
-    clear_products(from);
-    const auto update = [&](auto k) KFSTAB_INLINED {
-      const V x = entry(X[k], row);
-      each(from, all, [&](auto v) KFSTAB_INLINED { X[k][v] = fma(f[v], x, X[k][v]); });
+    pivots[from] = with_lane(row % width, pivots[from], splat(is.beta));
+    const auto first = size.first_column(row), end = size.end_column(row);
+    // f(k, chain) for the columns: those before `middle` are updated alone, those from `end` on have products alone.
+    const auto update = [&](auto k, auto v, V x) KFSTAB_INLINED {
+      if (k < end) X[k][v] = fma(f[v], x, X[k][v]);
     };
-    if (skip > 0 && first < last) update(first);
-    each_column(first + skip, last, [&](auto k, auto c) KFSTAB_INLINED {
-      update(k);
-      add_products(next, from, k, c);
+    const auto next = after(row, rows);
+    if (next == row) {
+      if (size.has_last)
+        each(first, end, [&](auto k) KFSTAB_INLINED {
+          const V x = lane(X[k][from], row);
+          each(from, all, [&](auto v) KFSTAB_INLINED { update(k, v, x); });
+        });
+      return;
+    }
+    clear_products(from);
+    const auto next_first = size.first_column(next), next_end = size.end_column(next);
+    with_vector_of(next, from, all, [&](auto of_next) KFSTAB_INLINED {
+      each(first, next_first, [&](auto k) KFSTAB_INLINED { update(k, of_next, lane(X[k][from], row)); });
+      each_column(next_first, next_end, [&](auto k, auto c) KFSTAB_INLINED {
+        update(k, of_next, lane(X[k][from], row));
+        w[c][of_next] = fma(X[k][of_next], lane(X[k][of_next], next), w[c][of_next]);
+      });
+      make_reflector(next, of_next);
+      each(first, next_first, [&](auto k) KFSTAB_INLINED {
+        const V x = lane(X[k][from], row);
+        each(of_next + one, all, [&](auto v) KFSTAB_INLINED { update(k, v, x); });
+      });
+      each_column(next_first, next_end, [&](auto k, auto c) KFSTAB_INLINED {
+        const V x = lane(X[k][from], row), y = lane(X[k][of_next], next);
+        each(of_next + one, all, [&](auto v) KFSTAB_INLINED {
+          update(k, v, x);
+          w[c][v] = fma(X[k][v], y, w[c][v]);
+        });
+      });
     });
   };
+  const auto results_of_Re = [&]() KFSTAB_INLINED {
+    store_columns(head, p, 0, p, true, step.Re);
+    if (step.rcond_of_Re) {
+      double norm = 0;
+      each(zero, p, [&](auto j) KFSTAB_INLINED {
+        V sum{};
+        each(zero, all, [&](auto v) KFSTAB_INLINED {
+          const Index row = v * width;
+          if (row < p) sum += magnitude(in_lanes(j - row, p - row, head[j][v]));
+        });
+        norm = larger(sum_of_lanes(sum), norm);
+      });
+      *step.rcond_of_Re = small_reciprocal_condition<vectors, Sizes::most_heads>(
+          p, norm, [&](auto i, auto k) KFSTAB_INLINED { return entry(head[k], i); });
+    }
+    if (step.K.data) {
+      if (step.divide)
+        each(zero, p, [&](auto i) KFSTAB_INLINED {
+          const auto j = p - one - i;
+          V sum[vectors];
+          each(zero, all, [&](auto v) KFSTAB_INLINED { sum[v] = head[j][v]; });
+          each(j + one, p, [&](auto k) KFSTAB_INLINED {
+            const V l = entry(head[j], k);
+            each(zero, all, [&](auto v) KFSTAB_INLINED { sum[v] = fma(-l, head[k][v], sum[v]); });
+          });
+          const V inverse = splat(1 / entry(head[j], j)[0]);
+          each(zero, all, [&](auto v) KFSTAB_INLINED { head[j][v] = sum[v] * inverse; });
+        });
+      if (step.U_transposed.data)
+        each(zero, p, [&](auto j) KFSTAB_INLINED {
+          V sum[vectors] = {};
+          each(zero, n, [&](auto k) KFSTAB_INLINED {
+            const V x = entry(head[j], p + k);
+            each(zero, all, [&](auto v) KFSTAB_INLINED {
+              const Index row = v * width, low = greatest(p - row, 0), high = least(rows - row, width);
+              if (low < high)
+                sum[v] = fma(load(step.U_transposed.data + (row - p) + k * step.U_transposed.leading, 1, low, high), x, sum[v]);
+            });
+          });
+          each(zero, all, [&](auto v) KFSTAB_INLINED { head[j][v] = sum[v]; });
+        });
+      store_columns(head, p, p, rows, false, step.K);
+    }
+  };
   clear_products(zero);
-  each_column(zero, n, [&](auto k, auto c) KFSTAB_INLINED { add_products(zero, zero, k, c); });
-  each_row<vectors>(zero, p,
-                    [&](auto row, auto v) KFSTAB_INLINED { reflect(row, v, head[row], zero, n, zero, after(row, p)); });
-  clear_products(zero);
-  each_column(one, columns, [&](auto k, auto c) KFSTAB_INLINED { add_products(p, zero, k, c); });
-  each_row<vectors>(p, rows, [&](auto row, auto v) KFSTAB_INLINED {
-    const auto j = row - p;
-    reflect(row, v, X[j], j + one, columns, one, after(row, rows));
-  });
+  const auto row_0 = n - n;
+  if (rows > 0) {
+    each_column(size.first_column(row_0), size.end_column(row_0), [&](auto k, auto c) KFSTAB_INLINED {
+      const V x = entry(X[k], row_0);
+      each(zero, all, [&](auto v) KFSTAB_INLINED { w[c][v] = fma(X[k][v], x, w[c][v]); });
+    });
+    make_reflector(row_0, zero);
+  }
+  if constexpr (Sizes::known) {
+    // The gain is made of Re and G while the reflectors of the other rows wait for their roots.
+    each_row<vectors>(zero, p, reflect);
+    results_of_Re();
+    each_row<vectors>(p, rows, reflect);
+  } else {  // the text once
+    each_row<vectors>(zero, rows, reflect);
+    results_of_Re();
+  }
   if (!ok) return false;
 
-  // Out go the lower triangles. What is not finite makes x - x a NaN.
-  V difference{};
-  const auto store_rows = [&](const V(&column)[vectors], const Target& to, Index j, Index first, Index last,
-                              Index shift) KFSTAB_INLINED {
-    each(zero, all, [&](auto v) KFSTAB_INLINED {
-      const Index row = v * width, low = greatest(first - row, 0), high = least(last - row, width);
-      if (low >= high) return;
-      difference += column[v] - column[v];
-      store(layout.at(to, row - shift, j), layout.stride(to), low, high, column[v]);
-    });
-  };
-  each(zero, n, [&](auto j) KFSTAB_INLINED { store_rows(X[j], step.S_next, j, p + j, rows, p); });
-  each(zero, p, [&](auto j) KFSTAB_INLINED { store_rows(head[j], step.Re, j, j, p, 0); });
+  store_columns(X, n, p, rows, true, step.S_next);
   if (size.has_last) {
     each(zero, n, [&](auto j) KFSTAB_INLINED {
       const V x = entry(X[j], rows);
@@ -314,47 +487,6 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
       difference += x - x;
       step.e[j] = x[0];
     });
-  }
-  if (step.rcond_of_Re) {
-    double norm = 0;
-    each(zero, p, [&](auto j) KFSTAB_INLINED {
-      V sum{};
-      each(zero, all, [&](auto v) KFSTAB_INLINED {
-        const Index row = v * width;
-        if (row < p) sum += magnitude(in_lanes(j - row, p - row, head[j][v]));
-      });
-      norm = larger(sum_of_lanes(sum), norm);
-    });
-    *step.rcond_of_Re = small_reciprocal_condition<vectors, Sizes::most_heads>(
-        p, norm, [&](auto i, auto k) KFSTAB_INLINED { return entry(head[k], i); });
-  }
-  if (step.K.data) {
-    if (step.divide)
-      each(zero, p, [&](auto i) KFSTAB_INLINED {
-        const auto j = p - one - i;
-        V sum[vectors];
-        each(zero, all, [&](auto v) KFSTAB_INLINED { sum[v] = head[j][v]; });
-        each(j + one, p, [&](auto k) KFSTAB_INLINED {
-          const V l = entry(head[j], k);
-          each(zero, all, [&](auto v) KFSTAB_INLINED { sum[v] = fma(-l, head[k][v], sum[v]); });
-        });
-        const V inverse = splat(1 / entry(head[j], j)[0]);
-        each(zero, all, [&](auto v) KFSTAB_INLINED { head[j][v] = sum[v] * inverse; });
-      });
-    if (step.U_transposed.data)
-      each(zero, p, [&](auto j) KFSTAB_INLINED {
-        V sum[vectors] = {};
-        each(zero, n, [&](auto k) KFSTAB_INLINED {
-          const V x = entry(head[j], p + k);
-          each(zero, all, [&](auto v) KFSTAB_INLINED {
-            const Index row = v * width, low = greatest(p - row, 0), high = least(rows - row, width);
-            if (low < high)
-              sum[v] = fma(load(step.U_transposed.data + (row - p) + k * step.U_transposed.leading, 1, low, high), x, sum[v]);
-          });
-        });
-        each(zero, all, [&](auto v) KFSTAB_INLINED { head[j][v] = sum[v]; });
-      });
-    each(zero, p, [&](auto j) KFSTAB_INLINED { store_rows(head[j], step.K, j, p, rows, p); });
   }
   if (Sizes::known && step.rcond_of_T) {
     V sum[vectors] = {};  // of a row of S+, which is a column of T
@@ -391,18 +523,31 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
         x[j] *= inverse[j];
         each(zero, j, [&](auto k) KFSTAB_INLINED { x[k] = fma(-entry(X[k], p + j), x[j], x[k]); });
       });
+      V result[Sizes::most_states];
       each(zero, n, [&](auto k) KFSTAB_INLINED {
-        V result = x[k];
+        result[k] = x[k];
         if (step.U_transposed.data) {
-          result = V{};
+          result[k] = V{};
           each(zero, n, [&](auto i) KFSTAB_INLINED {
-            result = fma(x[i], splat(step.U_transposed.data[k + i * step.U_transposed.leading]), result);
+            result[k] = fma(x[i], splat(step.U_transposed.data[k + i * step.U_transposed.leading]), result[k]);
           });
         }
-        const V used = in_lanes(0, greatest(high, 0) + state, result);
-        difference += used - used;
-        if (high > 0) store(layout.at(step.Kf, row, k), layout.stride(step.Kf), 0, high, result);
-        if (state) step.x_next[k] = result[last_row % width];
+      });
+      each(zero, strips_of(n), [&](auto c) KFSTAB_INLINED {
+        V tile[width];
+        const Index j = c * width, end = least(n - j, width);
+        each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED { tile[q] = q < end ? result[j + q] : V{}; });
+        each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
+          if (!layout.transposed && high > 0 && q < end) store(layout.at(step.Kf, row, j + q), 1, 0, high, tile[q]);
+        });
+        transpose(tile);
+        each(zero, Constant<width>{}, [&](auto l) KFSTAB_INLINED {
+          const bool of_state = state && last_row % width == l;
+          if (l >= high && !of_state) return;
+          difference += tile[l] - tile[l];
+          if (of_state) store(step.x_next + j, 1, 0, end, tile[l]);
+          else if (layout.transposed) store(layout.at(step.Kf, row + l, j), 1, 0, end, tile[l]);
+        });
       });
     });
   }

@@ -61,6 +61,14 @@ KFSTAB_INLINE V fma(V a, V b, V c) {
 #endif
 }
 
+KFSTAB_INLINE double fma(double a, double b, double c) {
+#if KFSTAB_VECTOR_WIDTH >= 4 || defined(__aarch64__)
+  return __builtin_fma(a, b, c);
+#else
+  return a * b + c;
+#endif
+}
+
 KFSTAB_INLINE double root(double x) { return __builtin_sqrt(x); }
 
 KFSTAB_INLINE V root(V x) {
@@ -85,6 +93,15 @@ KFSTAB_INLINE V lane(V x) {
   return __builtin_shufflevector(x, x, J, J, J, J);
 #else
   return __builtin_shufflevector(x, x, J, J);
+#endif
+}
+
+/// Lane j in all lanes.
+KFSTAB_INLINE V lane_of(V x, Index j) {
+#if KFSTAB_VECTOR_WIDTH == 8
+  return _mm512_maskz_permutexvar_pd(0xff, _mm512_set1_epi64(j), x);
+#else
+  return splat(x[j]);
 #endif
 }
 
