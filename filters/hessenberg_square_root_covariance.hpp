@@ -162,7 +162,7 @@ class HessenbergSquareRootCovarianceFilter {
            .S_next = target(next_),
            .Re = target(next_Re_root_),
            .K = wanted == Wanted::factor ? kernels::Target{} : target(next_gain_),
-           .rcond_of_Re = wanted == Wanted::all ? &rcond : nullptr,
+           .rcond_of_Re = wants_rcond(wanted) ? &rcond : nullptr,
            .work = kernel_work_.data()});
     }
     return false;

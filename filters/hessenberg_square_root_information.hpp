@@ -77,7 +77,7 @@ class HessenbergSquareRootInformationFilter {
   /// @param model  of step k: D and the mean of w    @param next  of step k+1; all other numbers are those of model
   /// @param y  y_{k+1} (p), or null: no state is computed, and x stays what it was
   /// @param u  u_k, as many as D has columns, or null for none
-  /// @param wanted  without Wanted::gain there is a state all the same, if there is y
+  /// @param wanted  whatever it is there is a state, if there is y
   /// Statuses: time_varying_model (its numbers, or those of next, are not those of the first step),
   /// singular_information (of T+), non_finite_input, overflow.
   StepReport<S> step(const Model& model, const Model& next, const Output* y = nullptr, const Input* u = nullptr,
@@ -100,7 +100,7 @@ class HessenbergSquareRootInformationFilter {
     S rcond = std::numeric_limits<S>::quiet_NaN();
     if (all_by_kernel(model, y != nullptr, wanted, rcond)) {
       if (!is_regular_information_root(next_, wanted, rcond, tolerance_)) return blame(Status::singular_information, rcond, model, next, y, u);
-      accept(y != nullptr, wanted != Wanted::factor);
+      accept(y != nullptr, wants_gain(wanted));
       return {Status::ok, rcond};
     }
 
@@ -242,8 +242,8 @@ class HessenbergSquareRootInformationFilter {
                               .S_next = target(next_),
                               .Re = target(Qe_root_),
                               .QQB = source(CR_inverse_),
-                              .Kf = wanted == Wanted::factor ? kernels::Target{} : target(next_gain_),
-                              .rcond_of_T = wanted == Wanted::all ? &rcond : nullptr,
+                              .Kf = wants_gain(wanted) ? target(next_gain_) : kernels::Target{},
+                              .rcond_of_T = wants_rcond(wanted) ? &rcond : nullptr,
                               .work = kernel_work_.data()};
       if (!has_state) return kernels::run_sized<N, P, M, false, true>(step);
       step.x = moved_.data();
@@ -272,11 +272,11 @@ class HessenbergSquareRootInformationFilter {
   /// The step's end: what is made of T+, in next_, and of (xi; e), in right_.
   StepReport<S> finish(const Model& model, const Model& next, const Output* y, const Input* u, Wanted wanted) {
     const Index n = T_.rows();
-    const bool has_gain = wanted != Wanted::factor;
+    const bool has_gain = wants_gain(wanted);
     const bool finite = all_finite(next_);
     S rcond = finite ? std::numeric_limits<S>::quiet_NaN() : S(0);
     bool regular = finite;
-    if (finite && wanted == Wanted::all) {
+    if (finite && wants_rcond(wanted)) {
       rcond = reciprocal_condition_triangular<Triangle::upper>(next_, work_, sign_);
       regular = rcond >= tolerance_;
     } else if (finite && (y || has_gain)) {

@@ -25,7 +25,7 @@ StepReport<S> divide_by_innovation_root(const ReType& Re_root, Wanted wanted, co
   if (!all_finite(Re_root)) return {Status::overflow, S(0)};
   S rcond = std::numeric_limits<S>::quiet_NaN();
   if (wanted == Wanted::factor) return {Status::ok, rcond};
-  if (wanted == Wanted::all) {
+  if (wants_rcond(wanted)) {
     rcond = reciprocal_condition_triangular<Triangle::lower>(Re_root, work, sign);
     if (!(rcond >= tolerance)) return {Status::singular_innovation, rcond};
   } else {
@@ -39,7 +39,7 @@ StepReport<S> divide_by_innovation_root(const ReType& Re_root, Wanted wanted, co
 /// The same, where a kernel has divided: it gives up where the gain is not finite, so nothing but rcond is left to be seen to.
 template <class S>
 StepReport<S> divided_by_innovation_root(Wanted wanted, const S& tolerance, const S& rcond) {
-  return {wanted == Wanted::all && !(rcond >= tolerance) ? Status::singular_innovation : Status::ok, rcond};
+  return {wants_rcond(wanted) && !(rcond >= tolerance) ? Status::singular_innovation : Status::ok, rcond};
 }
 
 /// The square-root covariance filter: it holds S, lower, P = S S', and never forms P.
@@ -188,7 +188,7 @@ class SquareRootCovarianceFilter {
            .S_next = target(next_),
            .Re = target(next_Re_root_),
            .K = wanted == Wanted::factor ? kernels::Target{} : target(next_predictor_gain_),
-           .rcond_of_Re = wanted == Wanted::all ? &rcond : nullptr,
+           .rcond_of_Re = wants_rcond(wanted) ? &rcond : nullptr,
            .work = kernel_work_.data()});
     }
     return false;

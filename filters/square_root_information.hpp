@@ -35,7 +35,7 @@ void information_gain(const TType& T, const CType& C_weighted, const RType& R_in
 /// nothing.
 template <class TType, class S>
 bool is_regular_information_root(const TType& T, Wanted wanted, const S& rcond, const S& tolerance) {
-  if (wanted == Wanted::all) return rcond >= tolerance;
+  if (wants_rcond(wanted)) return rcond >= tolerance;
   bool regular = true;
   if (wanted == Wanted::gain)
     for (Index j = 0; j < T.rows(); ++j) regular = regular && T(j, j) != S(0);
@@ -90,7 +90,7 @@ class SquareRootInformationFilter {
   /// @param model  of step k: A, B, D, Q    @param next  of step k+1: C, R
   /// @param y  y_{k+1} (p), or null: no state is computed, and x stays what it was
   /// @param u  u_k, as many as D has columns, or null for none
-  /// @param wanted  without Wanted::gain there is a state all the same, if there is y
+  /// @param wanted  whatever it is there is a state, if there is y
   /// Statuses: singular_information (of T+), non_finite_input, overflow.
   StepReport<S> step(const Model& model, const Model& next, const Output* y = nullptr, const Input* u = nullptr,
                      Wanted wanted = Wanted::all) {
@@ -101,7 +101,7 @@ class SquareRootInformationFilter {
         const auto report = failed(Status::singular_information, rcond, model, y, u);
         return failed(report.status, rcond, next);
       }
-      accept(y != nullptr, wanted != Wanted::factor);
+      accept(y != nullptr, wants_gain(wanted));
       if (y) e_ = right_.tail(e_.size());
       return {Status::ok, rcond};
     }
@@ -176,8 +176,8 @@ class SquareRootInformationFilter {
                               .R = source(model.Q_inverse_root),
                               .S_next = target(next_),
                               .Re = target(Qe_root_),
-                              .Kf = wanted == Wanted::factor ? kernels::Target{} : target(next_gain_),
-                              .rcond_of_T = wanted == Wanted::all ? &rcond : nullptr,
+                              .Kf = wants_gain(wanted) ? target(next_gain_) : kernels::Target{},
+                              .rcond_of_T = wants_rcond(wanted) ? &rcond : nullptr,
                               .work = kernel_work_.data()};
       if (!y) return kernels::run_sized<N, P, M, false, true>(step);
       step.x = moved_.data();
@@ -228,11 +228,11 @@ class SquareRootInformationFilter {
   StepReport<S> finish(const Model& model, const Model& next, const Output* y, const Input* u, bool measured,
                        Wanted wanted) {
     const Index n = T_.rows(), p = C_weighted_.rows();
-    const bool has_state = y || !measured, has_gain = measured && wanted != Wanted::factor;
+    const bool has_state = y || !measured, has_gain = measured && wants_gain(wanted);
     const bool finite = all_finite(next_);
     S rcond = finite ? std::numeric_limits<S>::quiet_NaN() : S(0);
     bool regular = finite;
-    if (finite && wanted == Wanted::all) {
+    if (finite && wants_rcond(wanted)) {
       rcond = reciprocal_condition_triangular<Triangle::upper>(next_, work_, sign_);
       regular = rcond >= tolerance_;
     } else if (finite && (has_state || has_gain)) {

@@ -48,8 +48,13 @@ constexpr const char* name(Status status) {
 enum class Wanted {
   factor,  ///< what the filter holds, alone: no gain, and so no state, and y is not looked at. Nothing can be singular.
   gain,    ///< and the gain, and the state if there is y. What counts as singular is a zero pivot; rcond is NaN.
-  all,     ///< and rcond, held against the tolerance
+  state,   ///< of an information filter: the state if there is y, and rcond, and no gain; of others what `all` says
+  all,     ///< the gain, the state if there is y, and rcond, held against the tolerance
 };
+
+constexpr bool wants_rcond(Wanted wanted) { return wanted == Wanted::state || wanted == Wanted::all; }
+/// Of an information filter, which needs none for its state.
+constexpr bool wants_gain(Wanted wanted) { return wanted == Wanted::gain || wanted == Wanted::all; }
 
 /// What a step says of itself.
 template <class Scalar>

@@ -459,7 +459,7 @@ void fixed_is_plain(const char* name) {
   constexpr bool information = Model::parametrisation == Parametrisation::information;
   for (std::uint64_t seed = 1; seed <= 5; ++seed)
     for (const bool data : {true, false})
-      for (const Wanted wanted : {Wanted::all, Wanted::gain, Wanted::factor}) {
+      for (const Wanted wanted : {Wanted::all, Wanted::state, Wanted::gain, Wanted::factor}) {
         SCOPED_TRACE(std::string(name) + ' ' + text(d) + (data ? " with data" : "") + " seed " + std::to_string(seed));
         const auto problem =
             std::get<Problem<AnyModel>>(random_problem(Model::parametrisation, {.d = d, .data = data}, seed));
@@ -493,7 +493,7 @@ TEST(Kernels, OfTheInformationFormsLeaveStatusesAsTheyAre) {
   using Model = InformationModel<double>;
   const auto check = [](const char* what, const Dimensions& d, auto change, bool statuses_alone = false) {
     for (const bool data : {true, false})
-      for (const Wanted wanted : {Wanted::all, Wanted::gain, Wanted::factor})
+      for (const Wanted wanted : {Wanted::all, Wanted::state, Wanted::gain, Wanted::factor})
         for (const bool hessenberg : {false, true}) {
           auto problem = std::get<Problem<Model>>(random_problem(Parametrisation::information, {.d = d, .data = data}, 3));
           change(problem.models[0], problem.initial);

@@ -34,6 +34,8 @@ struct Contender {
 // Empty where there is no such thing.
 using Maybe = std::optional<Contender>;
 
+// Without gain a covariance form makes its factor alone, an information form the state and rcond, as its peer does.
+
 /// Ours, sizes known at run time: as the built library has it, with the kernels that it chooses when it runs.
 Maybe ours_dynamic(const std::string& filter, const System& system, bool gain);
 /// Ours, 64 filters of one shape at once.
@@ -41,7 +43,7 @@ Maybe ours_batch(const System& system, bool gain);
 /// Ours, sizes known to the compiler: a header, compiled with -O3 -march=native.
 Maybe ours_fixed(const std::string& filter, const System& system, bool gain);
 
-/// SLICOT's routine for what the filter does.
+/// SLICOT's routine for what the filter does. FB01SD and FB01TD have no gain.
 Maybe slicot(const std::string& routine, const System& system, bool gain);
 
 /// As one writes it down with Eigen, compiled as ours_fixed is: the QR factors of the whole pre-array.

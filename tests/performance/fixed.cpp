@@ -59,10 +59,12 @@ Maybe started(const System& s, bool gain) {
   }
   run->filter.start(initial, x0);
   if constexpr (parametrisation == Parametrisation::information) run->filter.measurement_update(model, &run->y);
-  const auto wanted = gain ? kfstab::Wanted::all : kfstab::Wanted::factor;
+  const auto wanted = gain ? kfstab::Wanted::all
+                      : parametrisation == Parametrisation::information ? kfstab::Wanted::state
+                                                                        : kfstab::Wanted::factor;
   return Contender{[run, wanted] {
                      if constexpr (parametrisation == Parametrisation::information)
-                       return static_cast<bool>(run->filter.step(run->model, run->model, &run->y));
+                       return static_cast<bool>(run->filter.step(run->model, run->model, &run->y, nullptr, wanted));
                      else if constexpr (parametrisation == Parametrisation::root)
                        return static_cast<bool>(run->filter.step(run->model, nullptr, nullptr, wanted));
                      else

@@ -4,7 +4,9 @@
 
 #include <kfstab/filters/any_filter.hpp>
 #include <kfstab/filters/batch.hpp>
+#include <kfstab/filters/hessenberg_square_root_information.hpp>
 #include <kfstab/filters/registry.hpp>
+#include <kfstab/filters/square_root_information.hpp>
 
 #include "contenders.hpp"
 
@@ -63,21 +65,36 @@ kfstab::AnyProblem<double> problem_for(kfstab::Parametrisation parametrisation, 
 
 using Roots = kfstab::Problem<kfstab::RootModel<double>>;
 
-Maybe srcf_without_gain(const System& system) {
+/// By its class: a filter of the registry is asked for everything.
+template <class Filter>
+Maybe without_gain(const System& system) {
+  using Model = typename Filter::Model;
+  constexpr bool information = Model::parametrisation == kfstab::Parametrisation::information;
   struct Run {
-    Roots problem;
-    kfstab::SquareRootCovarianceFilter<double> filter;
+    kfstab::Problem<Model> problem;
+    Filter filter;
+    kfstab::Vector<double> y;
   };
-  const auto problem = std::get<Roots>(problem_for(kfstab::Parametrisation::root, system));
-  auto run = std::make_shared<Run>(Run{problem, kfstab::SquareRootCovarianceFilter<double>(problem.dimensions())});
+  const auto problem = std::get<kfstab::Problem<Model>>(problem_for(Model::parametrisation, system));
+  auto run = std::make_shared<Run>(Run{problem, Filter(problem.dimensions()), {}});
+  set(run->y, system.y, system.shape.p, 1);
   run->filter.start(problem.initial, problem.x0);
+  if constexpr (information) run->filter.measurement_update(problem.models[0], &run->y);
   return Contender{
       [run] {
-        return static_cast<bool>(run->filter.step(run->problem.models[0], nullptr, nullptr, kfstab::Wanted::factor));
+        const Model& model = run->problem.models[0];
+        if constexpr (information)
+          return static_cast<bool>(run->filter.step(model, model, &run->y, nullptr, kfstab::Wanted::state));
+        else
+          return static_cast<bool>(run->filter.step(model, nullptr, nullptr, kfstab::Wanted::factor));
       },
       [run] {
-        const Matrix P = run->filter.factor() * run->filter.factor().transpose();
-        return std::vector<double>(P.data(), P.data() + P.size());
+        Matrix product;
+        if constexpr (information)
+          product = run->filter.information_factor().transpose() * run->filter.information_factor();
+        else
+          product = run->filter.factor() * run->filter.factor().transpose();
+        return std::vector<double>(product.data(), product.data() + product.size());
       }};
 }
 
@@ -92,7 +109,11 @@ struct Run {
 }  // namespace
 
 Maybe ours_dynamic(const std::string& id, const System& system, bool gain) {
-  if (id == "srcf" && !gain) return srcf_without_gain(system);
+  if (!gain) {
+    if (id == "srcf") return without_gain<kfstab::SquareRootCovarianceFilter<double>>(system);
+    if (id == "srif") return without_gain<kfstab::SquareRootInformationFilter<double>>(system);
+    return without_gain<kfstab::HessenbergSquareRootInformationFilter<double>>(system);
+  }
   auto run = std::make_shared<Run>();
   const kfstab::Metadata& metadata = *kfstab::find_filter(id);
   run->problem = problem_for(metadata.takes, system);

@@ -111,7 +111,7 @@ Maybe fb01qd(const System& s, bool condensed, bool gain) {
                    }};
 }
 
-Maybe fb01sd(const System& s, bool condensed, bool with_state) {
+Maybe fb01sd(const System& s, bool condensed) {
   const auto [n, m, p] = s.shape;
   auto a = arrays(s.shape);
   a->A = matrix(s.A_inverse, n, n);
@@ -134,7 +134,7 @@ Maybe fb01sd(const System& s, bool condensed, bool with_state) {
   a->y = R_inverse_root * matrix(s.y, p, 1);
   const auto step = [=, n = n, m = m, p = p](const auto& call, auto... multab) {
     a->changed = a->Q;  // Qe^{-1/2} takes its place
-    call(with_state ? "X" : "N", multab..., "N", &n, &m, &p, a->X.data(), &n, a->A.data(), &n, a->B.data(), &n,
+    call("X", multab..., "N", &n, &m, &p, a->X.data(), &n, a->A.data(), &n, a->B.data(), &n,
          a->R.data(), &p, a->C.data(), &p, a->changed.data(), &m, a->x.data(), a->y.data(), a->z.data(), a->e.data(),
          &a->tolerance, a->integers.data(), a->work.data(), &a->length, &a->info);
     return a->info == 0;
@@ -174,7 +174,7 @@ Maybe slicot(const std::string& name, const System& system, bool gain) {
   if (!library()) return std::nullopt;
   if (name == "FB01VD") return fb01vd(system);
   if (name == "FB01QD" || name == "FB01RD") return fb01qd(system, name == "FB01RD", gain);
-  return fb01sd(system, name == "FB01TD", gain);
+  return fb01sd(system, name == "FB01TD");
 }
 
 Maybe dgemm() {
