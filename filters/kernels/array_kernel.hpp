@@ -37,6 +37,7 @@ KFSTAB_INLINE Reflector reflector(double alpha, double square, bool& ok, Zero&& 
     return {alpha, 0, 0};
   }
   if (square == 0) return {alpha, 0, 0};
+  // beta pivot = -(|alpha| norm + norm2), which is known sooner than the pivot.
   const double norm = root(norm2), beta = -__builtin_copysign(norm, alpha);
   return {beta, alpha - beta, -1 / fma(__builtin_fabs(alpha), norm, norm2)};
 }
@@ -73,6 +74,9 @@ struct FixedSizes {
   KFSTAB_INLINE static constexpr auto end_column(Constant<Row>) {
     return Constant<(Row < P ? N : N + M)>{};
   }
+  /// A row that is not a Constant is one of the first P, but for the last of them.
+  KFSTAB_INLINE static constexpr Constant<0> first_column(Index) { return {}; }
+  KFSTAB_INLINE static constexpr Constant<N> end_column(Index) { return {}; }
   static constexpr Index most_columns = greatest(N + M, 1), most_heads = greatest(P, 1), most_states = greatest(N, 1),
                          most_noises = greatest(M, 1), most_rows_of_gain = (M + width) / width * most_states;
 };
@@ -185,8 +189,8 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
   const auto rows = p + n;  // without the last one
   const Layout layout{size.transposed};
 
-  // Columns [C S, 0; A S, B Q], what they are made from, and a column [Re; G] for each pivot of the first p rows.
-  V X[Sizes::most_columns][vectors], given[Sizes::most_columns][vectors], head[Sizes::most_heads][vectors];
+  // Columns [C S, 0; A S, B Q], and a column [Re; G] for each pivot of the first p rows.
+  V X[Sizes::most_columns][vectors], head[Sizes::most_heads][vectors];
   double Ux[Sizes::most_states];
   if (size.has_last) each(zero, n, [&](auto k) KFSTAB_INLINED { Ux[k] = entry_of_Ux(step, k); });
 
@@ -239,28 +243,24 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
       });
     });
   };
-  // X[first + j] = sum over k >= j of given[k] L(k, j)
-  const auto multiply_lower = [&](auto first, auto size_of_L, const Source& L) KFSTAB_INLINED {
+  // X_j := sum over k >= j of X_k L(k, j), of the columns from `first` on
+  const auto multiply_by_lower = [&](auto first, auto size_of_L, const Source& L) KFSTAB_INLINED {
     each(zero, size_of_L, [&](auto j) KFSTAB_INLINED {
       V sum[vectors];
       const V diagonal = splat(*layout.at(L, j, j));
-      each(zero, all, [&](auto v) KFSTAB_INLINED { sum[v] = given[j][v] * diagonal; });
+      each(zero, all, [&](auto v) KFSTAB_INLINED { sum[v] = X[first + j][v] * diagonal; });
       each(j + one, size_of_L, [&](auto k) KFSTAB_INLINED {
         const V l = splat(*layout.at(L, k, j));
-        each(zero, all, [&](auto v) KFSTAB_INLINED { sum[v] = fma(given[k][v], l, sum[v]); });
+        each(zero, all, [&](auto v) KFSTAB_INLINED { sum[v] = fma(X[first + k][v], l, sum[v]); });
       });
       each(zero, all, [&](auto v) KFSTAB_INLINED { X[first + j][v] = sum[v]; });
     });
   };
   const Index C_band = Sizes::known ? Index(n) : step.C_band, A_band = Sizes::known ? Index(n) : step.A_band;
-  load_columns(given, n, step.C, C_band, step.A, A_band, Ux);
-  multiply_lower(zero, n, step.S);
-  load_columns(given, m, {}, 0, step.B, n + m, step.y);
-  if (step.Q.data)
-    multiply_lower(n, m, step.Q);
-  else
-    each(zero, m,
-         [&](auto j) KFSTAB_INLINED { each(zero, all, [&](auto v) KFSTAB_INLINED { X[n + j][v] = given[j][v]; }); });
+  load_columns(X, n, step.C, C_band, step.A, A_band, Ux);
+  multiply_by_lower(zero, n, step.S);
+  load_columns(X + n, m, {}, 0, step.B, n + m, step.y);
+  if (step.Q.data) multiply_by_lower(n, m, step.Q);
   load_columns(head, p, step.R, 0, {}, 0, step.z);
 
   // Of an information filter's gain the right-hand sides: rows in lanes, and one more for the state. Where sizes are not known
@@ -343,7 +343,7 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
   // several chains.
   bool ok = true;
   Reflector is{};
-  V w[chains][vectors];
+  V w[chains][vectors], squares[chains] = {};
   const auto pivot_column = [&](auto row) KFSTAB_INLINED -> V(&)[vectors] { return row < p ? head[row] : X[row - p]; };
   const auto sum_of_chains = [&](auto v) KFSTAB_INLINED {
     V sum = w[0][v] + w[1][v];
@@ -356,7 +356,10 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
   };
   // Of a row in vector v, whose products with the rows there are at hand.
   const auto make_reflector = [&](auto row, auto v) KFSTAB_INLINED {
-    is = reflector(lane(pivot_column(row)[v], row)[0], lane(sum_of_chains(v), row)[0], ok, [&]() KFSTAB_INLINED {
+    V square = squares[0] + squares[1];
+    if constexpr (chains == 4) square += squares[2] + squares[3];
+    each(zero, Constant<chains>{}, [&](auto c) KFSTAB_INLINED { squares[c] = V{}; });
+    is = reflector(lane(pivot_column(row)[v], row)[0], square[0], ok, [&]() KFSTAB_INLINED {
       Lanes bits{};
       each(size.first_column(row), size.end_column(row), [&](auto k) KFSTAB_INLINED { bits |= (Lanes)X[k][v]; });
       return lane(magnitude((V)bits), row)[0] == 0;
@@ -395,7 +398,9 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
       each(first, next_first, [&](auto k) KFSTAB_INLINED { update(k, of_next, lane(X[k][from], row)); });
       each_column(next_first, next_end, [&](auto k, auto c) KFSTAB_INLINED {
         update(k, of_next, lane(X[k][from], row));
-        w[c][of_next] = fma(X[k][of_next], lane(X[k][of_next], next), w[c][of_next]);
+        const V y = lane(X[k][of_next], next);
+        squares[c] = fma(y, y, squares[c]);
+        w[c][of_next] = fma(X[k][of_next], y, w[c][of_next]);
       });
       make_reflector(next, of_next);
       each(first, next_first, [&](auto k) KFSTAB_INLINED {
@@ -460,13 +465,19 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
   if (rows > 0) {
     each_column(size.first_column(row_0), size.end_column(row_0), [&](auto k, auto c) KFSTAB_INLINED {
       const V x = entry(X[k], row_0);
+      squares[c] = fma(x, x, squares[c]);
       each(zero, all, [&](auto v) KFSTAB_INLINED { w[c][v] = fma(X[k][v], x, w[c][v]); });
     });
     make_reflector(row_0, zero);
   }
   if constexpr (Sizes::known) {
     // The gain is made of Re and G while the reflectors of the other rows wait for their roots.
-    each_row<vectors>(zero, p, reflect);
+    constexpr Constant<greatest(decltype(p)::value - 1, 0)> last_of_C{};
+    if constexpr (vectors * (n + m) * p > 256)  // code for each row would be more than the processor has at hand
+      each_row<vectors>(Index(zero), Index(last_of_C), reflect);
+    else
+      each_row<vectors>(zero, last_of_C, reflect);
+    each_row<vectors>(last_of_C, p, reflect);
     results_of_Re();
     each_row<vectors>(p, rows, reflect);
   } else {  // the text once
@@ -581,7 +592,7 @@ struct Panel {
 template <bool within>
 KFSTAB_INLINE bool factor_panel(V* head, V* X, Index count, Index rows, Panel& panel) {
   bool ok = true;
-  constexpr Constant<2> chains{};  // sums, so that none waits for the addition before
+  constexpr Constant<4> chains{};  // sums, so that none waits for the addition before
   V w[chains] = {};
   const auto each_of_X = [&](Index k, auto f) KFSTAB_INLINED {
     for (; k + chains <= count; k += chains) each(zero, chains, [&](auto c) KFSTAB_INLINED { f(k + c, c); });
@@ -592,7 +603,7 @@ KFSTAB_INLINE bool factor_panel(V* head, V* X, Index count, Index rows, Panel& p
     constexpr Index J = decltype(j)::value, next = least(J + 1, width - 1);
     panel.t[J] = panel.head[J] = V{};
     if (J >= rows) return;
-    const V sum = w[0] + w[1];
+    const V sum = (w[0] + w[1]) + (w[2] + w[3]);
     const Index first = within ? J + 1 : 0;
     const Reflector is = reflector(lane<J>(head[J])[0], lane<J>(sum)[0], ok, [&] {
       bool none = true;
@@ -610,21 +621,21 @@ KFSTAB_INLINE bool factor_panel(V* head, V* X, Index count, Index rows, Panel& p
     each(zero, chains, [&](auto c) KFSTAB_INLINED { w[c] = V{}; });
     if (within && first < count) X[first] = fma(f, lane<J>(X[first]), X[first]);  // the next head
     each_of_X(first + within, [&](Index k, auto c) KFSTAB_INLINED {
-      const V x = X[k] = fma(f, lane<J>(X[k]), X[k]);
+      const V x = X[k] = fma(f, splat(reinterpret_cast<const double*>(X + k)[J]), X[k]);
       w[c] = fma(x, lane<next>(x), w[c]);
     });
   });
   return ok;
 }
 
-/// Does the reflectors of a panel to R strips: their heads, `width` columns, and their columns that the panel has in X.
-template <bool within, Index R>
+/// Does the first Q reflectors of a panel to R strips: their heads, Q columns, and their columns that the panel has in X.
+template <bool within, Index R, Index Q = width>
 KFSTAB_INLINE void apply_panel(const Panel& panel, const Strips& X, Index count, const Strips& head, const Strips& to) {
-  constexpr Constant<width> all{};
+  constexpr Constant<Q> all{};
   constexpr Constant<R> strips{};
   const auto* u = reinterpret_cast<const double*>(panel.head);
   const auto* t = reinterpret_cast<const double*>(panel.t);
-  V z[R][width] = {};
+  V z[R][Q] = {};
   const auto each_head_entry = [&](auto f) KFSTAB_INLINED {  // of U: diagonal, or upper triangular
     each(zero, all, [&](auto k) KFSTAB_INLINED {
       if constexpr (within) each(zero, k, [&](auto q) KFSTAB_INLINED { f(k, q, splat(u[k * width + q])); });
@@ -636,7 +647,7 @@ KFSTAB_INLINE void apply_panel(const Panel& panel, const Strips& X, Index count,
   });
   for (Index k = 0; k < count; ++k) add_outer<R>(z, to, k, X.entries(k));
   each(zero, all, [&](auto last) KFSTAB_INLINED {
-    constexpr Constant<width - 1 - decltype(last)::value> q{};
+    constexpr Constant<Q - 1 - decltype(last)::value> q{};
     const V diagonal = splat(t[q * width + q]);
     each(zero, strips, [&](auto i) KFSTAB_INLINED { z[i][q] *= diagonal; });
     each(zero, q, [&](auto before) KFSTAB_INLINED {
@@ -850,9 +861,15 @@ inline bool large_array_step(const ArrayStep& step) {
   for (Index s = 0; s < C_strips && ok; ++s) {
     const Index row = s * width, count = least(n, row + width + step.C_band);
     ok = factor_panel<false>(&head(s, row), &AS(s, 0), count, least(p - row, width), panel);
-    each_group(s + 1, strips, most_strips, [&](auto R, Index t) KFSTAB_INLINED {
-      apply_panel<false, decltype(R)::value>(panel, AS.at(s, 0), count, head.at(t, row), AS.at(t, 0));
-    });
+    const auto apply = [&](auto Q) KFSTAB_INLINED {
+      each_group(s + 1, strips, most_strips, [&](auto R, Index t) KFSTAB_INLINED {
+        apply_panel<false, decltype(R)::value, decltype(Q)::value>(panel, AS.at(s, 0), count, head.at(t, row), AS.at(t, 0));
+      });
+    };
+    if (p - row > width / 2)
+      apply(Constant<width>{});
+    else
+      apply(Constant<width / 2>{});
   }
   for (Index s = C_strips; s < strips && ok; ++s) {
     const Index row = (s - C_strips) * width, rows = least(n - row, width);
@@ -871,9 +888,16 @@ inline bool large_array_step(const ArrayStep& step) {
     difference += x - x;
     store(layout.at(to, row, j), layout.stride(to), low, high, x);
   };
-  for (Index row = 0; row < n; row += width)
-    for (Index j = 0; j <= row; j += width)
-      difference += store_tile(layout, step.S_next, row, least(n - row, width), j, j == row, X.at(C_strips + row / width, 0));
+  const auto store_tile_of_S = [&](Index row, Index j) KFSTAB_INLINED {
+    difference += store_tile(layout, step.S_next, row, least(n - row, width), j, j == row, X.at(C_strips + row / width, 0));
+  };
+  if (layout.transposed) {  // in the order of memory
+    for (Index row = 0; row < n; row += width)
+      for (Index j = 0; j <= row; j += width) store_tile_of_S(row, j);
+  } else {
+    for (Index j = 0; j < n; j += width)
+      for (Index row = j; row < n; row += width) store_tile_of_S(row, j);
+  }
   for (Index j = 0; j < p; ++j)
     for (Index row = j / width * width; row < p; row += width)
       put(step.Re, row, j, greatest(j - row, 0), least(p - row, width), head(row / width, j));

@@ -79,12 +79,12 @@ KFSTAB_INLINE void each_group(Index first, Index last, Constant<R>, F&& f) {
 }
 inline constexpr Constant<width == 8 ? 3 : width == 4 ? 2 : 4> most_strips{};
 
-/// sum[i][q] += x(i, k) l[q distance], q = 0 ... width - 1: the heart of all products.
-template <Index R, Index distance = 1>
-KFSTAB_INLINE void add_outer(V (&sum)[R][width], const Strips& x, Index k, const double* l) {
+/// sum[i][q] += x(i, k) l[q distance], q = 0 ... Q - 1: the heart of all products.
+template <Index R, Index distance = 1, Index Q>
+KFSTAB_INLINE void add_outer(V (&sum)[R][Q], const Strips& x, Index k, const double* l) {
   V column[R];
   each(zero, Constant<R>{}, [&](auto i) KFSTAB_INLINED { column[i] = x(i, k); });
-  each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
+  each(zero, Constant<Q>{}, [&](auto q) KFSTAB_INLINED {
     const V entry_q = splat(l[q * distance]);
     each(zero, Constant<R>{}, [&](auto i) KFSTAB_INLINED { sum[i][q] = fma(column[i], entry_q, sum[i][q]); });
   });

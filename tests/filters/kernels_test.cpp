@@ -134,26 +134,29 @@ std::string text(const Dimensions& d) {
 
 // The same step, by each of them.
 TEST(Kernels, AreBackwardStableAsThePlainTextIs) {
+  constexpr int steps = 40;
   for (const Dimensions& d : sizes) {
-    std::vector<double> worst;
+    std::vector<double> means;
     for (const std::string& isa : all_kernels()) {
       const WithKernels with(isa);
-      double& of_this = worst.emplace_back(0.0);
-      for (std::uint64_t seed = 1; seed <= 12; ++seed) {
+      double& mean = means.emplace_back(0.0);
+      for (std::uint64_t seed = 1; seed <= steps; ++seed) {
         Dice dice(seed);
         const RootModel<double> model = random_model(dice, d);
         const Matrix<double> S0 = dice.lower_root(d.n);
         const KernelResult is = one_step<Srcf>(model, S0);
         ASSERT_EQ(is.report.status, Status::ok) << isa << ' ' << text(d);
-        of_this = std::max(of_this, backward_error(model, S0, is));
+        const double error = backward_error(model, S0, is);
+        EXPECT_LE(error, threshold) << isa << ' ' << text(d);
+        mean += error / steps;
         for (Index j = 0; j < d.n; ++j)
           for (Index i = 0; i < j; ++i) ASSERT_EQ(is.factor(i, j), 0);
         for (Index j = 0; j < d.p; ++j)
           for (Index i = 0; i < j; ++i) ASSERT_EQ(is.innovation_root(i, j), 0);
       }
-      EXPECT_LE(of_this, threshold) << isa << ' ' << text(d);
-      // Of a dozen steps the worst, so that chance counts for little; 1/(n + m + p) is one rounding of one product.
-      EXPECT_LE(of_this, 2 * worst.front() + 1.0 / static_cast<double>(d.n + d.m + d.p)) << isa << ' ' << text(d);
+      // Of the mean, since the worst of a few is a matter of chance; where the plain text has no errors, of order 1, a
+      // reflector of another sign may make some: a rounding of one product is 1/(n + m + p).
+      EXPECT_LE(mean, 2 * means.front() + 1.0 / static_cast<double>(d.n + d.m + d.p)) << isa << ' ' << text(d);
     }
   }
 }
