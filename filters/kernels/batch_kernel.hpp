@@ -334,9 +334,9 @@ KFSTAB_INLINE auto batch_array_lanes(N n, M m, P p, Last last, const BatchArrayS
 }
 
 /// Whether two vectors at once pay, for sizes that are known when the kernel is compiled, or not: they find room in the
-/// registers or, at run time, with what they are made of in the nearest memory.
+/// registers or, at run time, where there are 32 of them, with what they are made of in the nearest memory.
 constexpr bool two_pay(bool known, Index n, Index m, Index p) {
-  return (n + p) * (n + m + p) <= (known ? (width == 8 ? 64 : 24) : 192);
+  return (n + p) * (n + m + p) <= (known ? (width == 8 ? 64 : 24) : width == 8 ? 192 : 0);
 }
 
 template <class T>
