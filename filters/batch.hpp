@@ -79,9 +79,7 @@ class Batch {
   }
 
   /// The model of filter i, from the next step on.
-  void set_model(Index i, const Model& model)
-    requires(!information)
-  {
+  void set_model(Index i, const Model& model) requires(!information) {
     A_.set(i, model.A);
     B_.set(i, model.B);
     C_.set(i, model.C);
@@ -98,9 +96,7 @@ class Batch {
   }
   /// The models of filter i, from the next step on, as SquareRootInformationFilter::step takes them.
   /// @param model  of step k: A, B, Q and the mean of w    @param next  of step k+1: C, R
-  void set_model(Index i, const Model& model, const Model& next)
-    requires(information)
-  {
+  void set_model(Index i, const Model& model, const Model& next) requires(information) {
     A_.set(i, model.A_inverse);
     B_.set(i, model.A_inverse_B);
     set<Part::upper_alone>(Q_, i, model.Q_inverse_root);
@@ -113,11 +109,7 @@ class Batch {
     C_.set(i, next.C);
     set<Part::upper_alone>(R_, i, next.R_inverse_root);
   }
-  void set_model(Index i, const Model& model)
-    requires(information)
-  {
-    set_model(i, model, model);
-  }
+  void set_model(Index i, const Model& model) requires(information) { set_model(i, model, model); }
 
   /// y (p) and D u (n; null: 0) of filter i for the next step with data. They stay until others come.
   void set_data(Index i, const Output& y, const Vector<double, N>* Du = nullptr) {
@@ -186,9 +178,7 @@ class Batch {
     return x;
   }
   /// Re^{1/2}, p x p, lower, zero above the diagonal, of the last step.
-  Matrix<double, P, P> innovation_root(Index i) const
-    requires(covariance_root)
-  {
+  Matrix<double, P, P> innovation_root(Index i) const requires(covariance_root) {
     Matrix<double, P, P> Re_root(d_.p, d_.p);
     get<Part::lower_alone>(root_, i, Re_root);
     return Re_root;
@@ -197,9 +187,7 @@ class Batch {
  private:
   /// What of a matrix is read and kept: a triangle, the other being zero, or all of it, symmetric, by its upper triangle.
   enum class Part { upper, lower_alone, upper_alone };
-  static constexpr Part held_by = conventional      ? Part::upper
-                                  : covariance_root ? Part::lower_alone
-                                                    : Part::upper_alone;
+  static constexpr Part held_by = conventional ? Part::upper : covariance_root ? Part::lower_alone : Part::upper_alone;
 
   /// One matrix of every filter: those of eight filters after another.
   struct Numbers {

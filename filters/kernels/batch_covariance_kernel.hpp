@@ -10,8 +10,8 @@ namespace kfstab::kernels::KFSTAB_KERNELS {
 /// to(i, j, sum over k of x(i, k) y(k, j)) for i of [first, last), j of [column, columns), in tiles: of an entry, once loaded, all
 /// rows or columns of its tile make use.
 /// @tparam Rows, Columns  of a tile
-template <class T, Index Rows, Index Columns, class First, class Last, class Column, class End, class K, class X, class Y,
-          class To>
+template <class T, Index Rows, Index Columns, class First, class Last, class Column, class End, class K, class X,
+          class Y, class To>
 KFSTAB_INLINE void multiply_tiles(First first, Last last, Column column, End columns, K length, X&& x, Y&& y, To&& to) {
   each_block<Rows>(first, last, [&](auto R, auto i) KFSTAB_INLINED {
     each_block<Columns>(column, columns, [&](auto Q, auto j) KFSTAB_INLINED {
@@ -24,9 +24,8 @@ KFSTAB_INLINE void multiply_tiles(First first, Last last, Column column, End col
           each(zero, R, [&](auto r) KFSTAB_INLINED { sum[r][q] = fma(left[r], right, sum[r][q]); });
         });
       });
-      each(zero, R, [&](auto r) KFSTAB_INLINED {
-        each(zero, Q, [&](auto q) KFSTAB_INLINED { to(i + r, j + q, sum[r][q]); });
-      });
+      each(zero, R,
+           [&](auto r) KFSTAB_INLINED { each(zero, Q, [&](auto q) KFSTAB_INLINED { to(i + r, j + q, sum[r][q]); }); });
     });
   });
 }
@@ -64,10 +63,9 @@ KFSTAB_INLINE auto batch_covariance_lanes(N n, M m, P p, const BatchCovarianceSt
       [&](Index k, Index j) KFSTAB_INLINED { return C(j, k); },
       [&](Index i, Index j, T sum) KFSTAB_INLINED { at_W(i, j) = sum; });
   each(zero, p, [&](auto j) KFSTAB_INLINED {
-    multiply_tiles<T, rows, 1>(
-        j, p, j, j + one, n, C, at_W, [&](Index i, Index q, T sum) KFSTAB_INLINED {
-          at_L(i, q) = given_R.get(q + i * p) + sum;
-        });
+    multiply_tiles<T, rows, 1>(j, p, j, j + one, n, C, at_W, [&](Index i, Index q, T sum) KFSTAB_INLINED {
+      at_L(i, q) = given_R.get(q + i * p) + sum;
+    });
   });
 
   T difference{};
@@ -156,9 +154,7 @@ KFSTAB_INLINE auto batch_covariance_lanes(N n, M m, P p, const BatchCovarianceSt
         [&](Index i, Index, T sum) KFSTAB_INLINED { x_filtered[i] = x.get(i) + sum; });
     multiply_tiles<T, rows, 1>(
         zero, n, zero, one, n, A, [&](Index k, Index) KFSTAB_INLINED { return x_filtered[k]; },
-        [&](Index i, Index, T sum) KFSTAB_INLINED {
-          put(x_next, i, Du.data ? sum + Du.get(i) : sum);
-        });
+        [&](Index i, Index, T sum) KFSTAB_INLINED { put(x_next, i, Du.data ? sum + Du.get(i) : sum); });
   }
 
   // P_{k|k} = P - W W', both triangles of it by the lower one
@@ -211,8 +207,8 @@ template <Index N, Index M, Index P>
 inline void fixed_batch_covariance_step(const BatchCovarianceStep& step) {
   using T = ChosenLanes<two_pay(true, N, M, P)>;
   each_lanes<T>(step.groups, step.gave_up, [&](const LanesOf<T>& lanes) KFSTAB_INLINED {
-    return batch_covariance_lanes<T, LocalWork<T, batch_covariance_work(N, M, P) / 2>>(
-        Constant<N>{}, Constant<M>{}, Constant<P>{}, step, lanes);
+    return batch_covariance_lanes<T, LocalWork<T, batch_covariance_work(N, M, P) / 2>>(Constant<N>{}, Constant<M>{},
+                                                                                       Constant<P>{}, step, lanes);
   });
 }
 

@@ -84,23 +84,18 @@ KFSTAB_INLINE auto batch_array_lanes(N n, M m, P p, Last last, const BatchArrayS
              K = lanes.of(step.K, n * (information ? m : p)), rcond = lanes.of(step.rcond, 1),
              x_next = lanes.of(step.x_next, n);
   // Entry (i, j) of a matrix of the array.
-  const auto entry_of = [&](const LaneMatrix<T>& Y, Index rows, Index cols, Index i, Index j) KFSTAB_INLINED {
-    return Y.get(information ? j + i * cols : i + j * rows);
-  };
+  const auto entry_of = [&](const LaneMatrix<T>& Y, Index rows, Index cols, Index i, Index j)
+                            KFSTAB_INLINED { return Y.get(information ? j + i * cols : i + j * rows); };
   if (information && last == 1) {
     each(zero, n, [&](auto i) KFSTAB_INLINED {
       moved[i] = state.get(i);
       if (Du.data)
-        each(zero, n, [&](auto k) KFSTAB_INLINED {
-          moved[i] = fma(entry_of(A, n, n, k, i), Du.get(k), moved[i]);
-        });
+        each(zero, n, [&](auto k) KFSTAB_INLINED { moved[i] = fma(entry_of(A, n, n, k, i), Du.get(k), moved[i]); });
     });
     each(zero, p, [&](auto j) KFSTAB_INLINED {
       z[j] = T{};
       if (mean.data)
-        each(j, p, [&](auto k) KFSTAB_INLINED {
-          z[j] = fma(-entry_of(R_root, p, p, k, j), mean.get(k), z[j]);
-        });
+        each(j, p, [&](auto k) KFSTAB_INLINED { z[j] = fma(-entry_of(R_root, p, p, k, j), mean.get(k), z[j]); });
     });
   }
 
@@ -225,9 +220,8 @@ KFSTAB_INLINE auto batch_array_lanes(N n, M m, P p, Last last, const BatchArrayS
     if (n > 0) begin(p, X, one, columns);
   } else {
     begin(zero, head, zero, n);
-    each(zero, p - one, [&](auto j) KFSTAB_INLINED {
-      reflect(j, head + j * end, zero, n, head + (j + one) * end, zero, n);
-    });
+    each(zero, p - one,
+         [&](auto j) KFSTAB_INLINED { reflect(j, head + j * end, zero, n, head + (j + one) * end, zero, n); });
     reflect(p - one, head + (p - one) * end, zero, n, X, one, columns);
   }
   each(zero, n, [&](auto j) KFSTAB_INLINED {
@@ -241,9 +235,7 @@ KFSTAB_INLINE auto batch_array_lanes(N n, M m, P p, Last last, const BatchArrayS
     to.put(at, result);
   };
   each(zero, n, [&](auto j) KFSTAB_INLINED {
-    each(j, n, [&](auto i) KFSTAB_INLINED {
-      put(S_next, information ? j + i * n : i + j * n, X[j * end + p + i]);
-    });
+    each(j, n, [&](auto i) KFSTAB_INLINED { put(S_next, information ? j + i * n : i + j * n, X[j * end + p + i]); });
   });
   if (Re.data)
     each(zero, p, [&](auto j) KFSTAB_INLINED {

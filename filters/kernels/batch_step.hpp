@@ -24,13 +24,14 @@ struct BatchArrayStep {
   Index n = 0, m = 0, p = 0;
   bool information = false;
   const Eight *A = nullptr, *B = nullptr, *C = nullptr;
-  const Eight *S = nullptr, *Q = nullptr, *R = nullptr;  ///< of each the lower triangle is read; as stored, the upper one of T
-  const Eight* x = nullptr;                              ///< n; null: no state is wanted
-  const Eight* y = nullptr;                              ///< as many as there are outputs
-  const Eight *Du = nullptr, *w = nullptr;               ///< D u and, of the information form, the mean of w; null: 0
-  Eight* S_next = nullptr;                               ///< its lower triangle is written
-  Eight* Re = nullptr;                                   ///< likewise; null: not wanted
-  Eight* K = nullptr;                                    ///< K or, of the information form, Kf; null: not wanted
+  const Eight *S = nullptr, *Q = nullptr,
+              *R = nullptr;                 ///< of each the lower triangle is read; as stored, the upper one of T
+  const Eight* x = nullptr;                 ///< n; null: no state is wanted
+  const Eight* y = nullptr;                 ///< as many as there are outputs
+  const Eight *Du = nullptr, *w = nullptr;  ///< D u and, of the information form, the mean of w; null: 0
+  Eight* S_next = nullptr;                  ///< its lower triangle is written
+  Eight* Re = nullptr;                      ///< likewise; null: not wanted
+  Eight* K = nullptr;                       ///< K or, of the information form, Kf; null: not wanted
   Eight* rcond = nullptr;   ///< of Re or T+, 1 / (|X| |X^{-1}|) in the 1-norm, no estimate; null: not wanted
   Eight* x_next = nullptr;  ///< n
   /// Of each group, as bits, which of the eight gave up: what was to be written for them is undefined.

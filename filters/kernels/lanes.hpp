@@ -25,7 +25,9 @@ KFSTAB_INLINE Two operator-(Two a, Two b) { return {a.first - b.first, a.second 
 KFSTAB_INLINE Two operator*(Two a, Two b) { return {a.first * b.first, a.second * b.second}; }
 KFSTAB_INLINE Two operator-(Two a) { return {-a.first, -a.second}; }
 KFSTAB_INLINE Two& operator+=(Two& a, Two b) { return a = a + b; }
-KFSTAB_INLINE Two fma(Two a, Two b, Two c) { return {fma(a.first, b.first, c.first), fma(a.second, b.second, c.second)}; }
+KFSTAB_INLINE Two fma(Two a, Two b, Two c) {
+  return {fma(a.first, b.first, c.first), fma(a.second, b.second, c.second)};
+}
 KFSTAB_INLINE Two root(Two x) { return {root(x.first), root(x.second)}; }
 KFSTAB_INLINE Two magnitude(Two x) { return {magnitude(x.first), magnitude(x.second)}; }
 KFSTAB_INLINE Two larger(Two x, Two most) { return {larger(x.first, most.first), larger(x.second, most.second)}; }
@@ -173,8 +175,8 @@ KFSTAB_INLINE T rcond_of_lower(P p, const T* inverse_diagonal, T* X, Entry&& L) 
   if (p == 0) return all_ones<T>();
   invert_lower(p, inverse_diagonal, X, L);
   const T norm = norm_of_lower<transposed, T>(p, L);
-  return inverse_of(norm * norm_of_lower<transposed, T>(
-                               p, [&](auto i, auto j) KFSTAB_INLINED { return X[j * p + i]; }));
+  return inverse_of(norm *
+                    norm_of_lower<transposed, T>(p, [&](auto i, auto j) KFSTAB_INLINED { return X[j * p + i]; }));
 }
 
 }  // namespace kfstab::kernels::KFSTAB_KERNELS

@@ -174,7 +174,8 @@ AllowedErrors allowed_errors(const Given<Filter>& is, const Filter& filter, doub
       R = gram(is.model.R_root);
     }
     const double A = is.model.A.norm(), B = is.model.B.norm(), C = is.model.C.norm(),
-                 kappa = Batch<Filter>::conventional ? 1 / rcond : 1 / (rcond * rcond), minuend = A * A * P.norm() + B * B * Q.norm(),
+                 kappa = Batch<Filter>::conventional ? 1 / rcond : 1 / (rcond * rcond),
+                 minuend = A * A * P.norm() + B * B * Q.norm(),
                  Re = (is.model.C * P * is.model.C.transpose() + R).norm();
     const double gain = p == 0 ? 0 : unit * kappa * std::max(1.0, A) * P.norm() * C * kappa / Re;
     const double innovation = y + C * x, of_K = Batch<Filter>::conventional ? std::max(1.0, A) : 1;
@@ -238,7 +239,8 @@ void expect_so_many_filters(const std::string& isa, const Dimensions& d) {
 template <class Filter>
 class BatchOf : public testing::Test {};
 
-using Forms = testing::Types<ConventionalFilter<double>, SquareRootCovarianceFilter<double>, SquareRootInformationFilter<double>>;
+using Forms =
+    testing::Types<ConventionalFilter<double>, SquareRootCovarianceFilter<double>, SquareRootInformationFilter<double>>;
 TYPED_TEST_SUITE(BatchOf, Forms);
 
 TYPED_TEST(BatchOf, IsSoManyFilters) {
@@ -366,7 +368,8 @@ TYPED_TEST(BatchOf, LetsEveryFilterFailForItself) {
         all[14].model.R(0, 0) = INFINITY;  // P+ and the gain are finite all the same
       }
       all[16].initial *= 0;
-      for (const Index i : {10, 12, 16}) batch.start(i, all[static_cast<std::size_t>(i)].initial, all[static_cast<std::size_t>(i)].x0);
+      for (const Index i : {10, 12, 16})
+        batch.start(i, all[static_cast<std::size_t>(i)].initial, all[static_cast<std::size_t>(i)].x0);
       for (const Index i : {10, 12, 16}) gains[static_cast<std::size_t>(i)].setZero();
       give_to(batch, all);
       batch.step(with_data);
@@ -493,10 +496,9 @@ TEST(Batch, KernelsForKnownSizesAreThoseForAny) {
             Dice dice(7);
             Eights A = random_eights(dice, groups, n, n, true), B = random_eights(dice, groups, n, m, false),
                    C = random_eights(dice, groups, p, n, false);
-            const Eights S = random_eights(dice, groups, n, n, true),
-                         Q = random_eights(dice, groups, m, m, true), R = random_eights(dice, groups, p, p, true),
-                         x = random_eights(dice, groups, n, 1, false), Du = random_eights(dice, groups, n, 1, false),
-                         w = random_eights(dice, groups, p, 1, false),
+            const Eights S = random_eights(dice, groups, n, n, true), Q = random_eights(dice, groups, m, m, true),
+                         R = random_eights(dice, groups, p, p, true), x = random_eights(dice, groups, n, 1, false),
+                         Du = random_eights(dice, groups, n, 1, false), w = random_eights(dice, groups, p, 1, false),
                          y = random_eights(dice, groups, information ? m : p, 1, false);
             const Index outputs = information ? m : p;
             struct Results {
@@ -505,24 +507,44 @@ TEST(Batch, KernelsForKnownSizesAreThoseForAny) {
             };
             const auto results = [&, n = n, m = m, p = p] {
               const auto sized = [](Index size) { return Eights(static_cast<std::size_t>(size)); };
-              return Results{sized(groups * n * n), sized(groups * p * p),
-                             sized(groups * n * outputs), sized(groups), sized(groups * n),
+              return Results{sized(groups * n * n),
+                             sized(groups * p * p),
+                             sized(groups * n * outputs),
+                             sized(groups),
+                             sized(groups * n),
                              sized(kernels::batch_array_work(n, m, p) + kernels::batch_covariance_work(n, m, p))};
             };
             Results first = results(), second = results();
             const auto step = [&, n = n, m = m, p = p](Results& to, auto array, auto covariance) {
               const kernels::Eight* const of_x = less == 1 ? nullptr : x.data();
               if (form == 2)
-                covariance(kernels::BatchCovarianceStep{groups, n, m, p, A.data(), B.data(), C.data(), S.data(), Q.data(),
-                                                        R.data(), of_x, y.data(), less == 2 ? nullptr : Du.data(),
-                                                        to.S.data(), to.K.data(), to.rcond.data(), to.x.data(), to.gave_up,
-                                                        to.work.data()});
+                covariance(kernels::BatchCovarianceStep{groups, n, m, p, A.data(), B.data(), C.data(), S.data(),
+                                                        Q.data(), R.data(), of_x, y.data(),
+                                                        less == 2 ? nullptr : Du.data(), to.S.data(), to.K.data(),
+                                                        to.rcond.data(), to.x.data(), to.gave_up, to.work.data()});
               else
-                array(kernels::BatchArrayStep{groups, n, m, p, information, A.data(), B.data(), C.data(), S.data(), Q.data(),
-                                              R.data(), of_x, y.data(), less == 2 ? nullptr : Du.data(),
-                                              less == 2 ? nullptr : w.data(), to.S.data(), information ? nullptr : to.Re.data(),
-                                              less == 3 ? nullptr : to.K.data(), less == 4 ? nullptr : to.rcond.data(),
-                                              to.x.data(), to.gave_up, to.work.data()});
+                array(kernels::BatchArrayStep{groups,
+                                              n,
+                                              m,
+                                              p,
+                                              information,
+                                              A.data(),
+                                              B.data(),
+                                              C.data(),
+                                              S.data(),
+                                              Q.data(),
+                                              R.data(),
+                                              of_x,
+                                              y.data(),
+                                              less == 2 ? nullptr : Du.data(),
+                                              less == 2 ? nullptr : w.data(),
+                                              to.S.data(),
+                                              information ? nullptr : to.Re.data(),
+                                              less == 3 ? nullptr : to.K.data(),
+                                              less == 4 ? nullptr : to.rcond.data(),
+                                              to.x.data(),
+                                              to.gave_up,
+                                              to.work.data()});
             };
             if (form == 0 && less == 3) continue;  // its state is made of the gain
             const auto gave_up = [](const Results& of) { return of.gave_up[0] | of.gave_up[1] << 8; };

@@ -154,7 +154,8 @@ Maybe batch_of(kfstab::Parametrisation parametrisation, const System& system, bo
 Maybe ours_batch(const std::string& filter, const System& system, bool gain) {
   using kfstab::Parametrisation;
   if (filter == "ckf") return batch_of<kfstab::ConventionalFilter<double>>(Parametrisation::covariance, system, gain);
-  if (filter == "srcf") return batch_of<kfstab::SquareRootCovarianceFilter<double>>(Parametrisation::root, system, gain);
+  if (filter == "srcf")
+    return batch_of<kfstab::SquareRootCovarianceFilter<double>>(Parametrisation::root, system, gain);
   if (filter == "srif")
     return batch_of<kfstab::SquareRootInformationFilter<double>>(Parametrisation::information, system, gain);
   return std::nullopt;
