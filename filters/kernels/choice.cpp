@@ -5,7 +5,7 @@
 #include <string>
 
 #include <kfstab/filters/kernels.hpp>
-#include <kfstab/filters/kernels/batch_kernel.hpp>
+#include <kfstab/filters/kernels/batch_covariance_kernel.hpp>
 #include <kfstab/filters/kernels/covariance_kernel.hpp>
 
 namespace kfstab::kernels {
@@ -13,25 +13,31 @@ namespace kfstab::kernels {
 #if defined(__x86_64__) && defined(__GNUC__)
 namespace sse2 {
 bool library_array_step(const ArrayStep&);
-unsigned library_batch_step(const BatchStep&);
 bool library_covariance_step(const CovarianceStep&);
+void library_batch_array_step(const BatchArrayStep&);
+void library_batch_covariance_step(const BatchCovarianceStep&);
 }  // namespace sse2
 namespace avx2 {
 bool library_array_step(const ArrayStep&);
-unsigned library_batch_step(const BatchStep&);
 bool library_covariance_step(const CovarianceStep&);
+void library_batch_array_step(const BatchArrayStep&);
+void library_batch_covariance_step(const BatchCovarianceStep&);
 }  // namespace avx2
 namespace avx512 {
 bool library_array_step(const ArrayStep&);
-unsigned library_batch_step(const BatchStep&);
 bool library_covariance_step(const CovarianceStep&);
+void library_batch_array_step(const BatchArrayStep&);
+void library_batch_covariance_step(const BatchCovarianceStep&);
 }  // namespace avx512
 
 namespace {
 constexpr Kernels all[] = {
-    {"sse2", sse2::library_array_step, sse2::library_batch_step, sse2::library_covariance_step},
-    {"avx2", avx2::library_array_step, avx2::library_batch_step, avx2::library_covariance_step},
-    {"avx512", avx512::library_array_step, avx512::library_batch_step, avx512::library_covariance_step}};
+    {"sse2", sse2::library_array_step, sse2::library_covariance_step, sse2::library_batch_array_step,
+     sse2::library_batch_covariance_step},
+    {"avx2", avx2::library_array_step, avx2::library_covariance_step, avx2::library_batch_array_step,
+     avx2::library_batch_covariance_step},
+    {"avx512", avx512::library_array_step, avx512::library_covariance_step, avx512::library_batch_array_step,
+     avx512::library_batch_covariance_step}};
 
 std::size_t count() {
   __builtin_cpu_init();
@@ -51,7 +57,8 @@ std::span<const Kernels> available() {
 #define KFSTAB_NAME_OF(isa) #isa
 #define KFSTAB_NAME(isa) KFSTAB_NAME_OF(isa)
   static constexpr Kernels only[] = {{KFSTAB_NAME(KFSTAB_KERNELS), KFSTAB_KERNELS::array_step,
-                                      KFSTAB_KERNELS::batch_step, KFSTAB_KERNELS::covariance_step}};
+                                      KFSTAB_KERNELS::covariance_step, KFSTAB_KERNELS::batch_array_step,
+                                      KFSTAB_KERNELS::batch_covariance_step}};
   return only;
 }
 

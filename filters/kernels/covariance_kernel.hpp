@@ -65,7 +65,9 @@ KFSTAB_INLINE bool factor_columns(const Strips& H, Index t, Index last, P p) {
 /// Sizes are Constants, or known at run time. False: it gave up, and what it was to write is undefined.
 template <class N, class M, class P>
 KFSTAB_INLINE bool covariance_step(N n, M m, P p, const CovarianceStep& step, V* work) {
-  const auto n_strips = strips_of(n), p_strips = strips_of(p), m_strips = strips_of(m);
+  const auto n_strips = strips_of(n);
+  const auto p_strips = strips_of(p);
+  const auto m_strips = strips_of(m);
   const auto take = [&](Index strips, Index length) KFSTAB_INLINED {
     const Strips taken{work, length};
     work += strips * length;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <kfstab/filters/kernels/array_step.hpp>
+#include <kfstab/filters/kernels/batch_step.hpp>
 
 /// The kernels for sizes that are known at compile time, as a user's source has them that is compiled for one instruction set:
 /// fixed_kernels_ISA.cpp.
@@ -10,5 +11,13 @@ namespace kfstab::test {
 bool fixed_sse2(const kernels::ArrayStep& step);
 bool fixed_avx2(const kernels::ArrayStep& step);
 bool fixed_avx512(const kernels::ArrayStep& step);
+
+/// n = 2, m = 1, p = 1, which have room for two vectors at once, or n = 5, m = 3, p = 2 of the array, which have not.
+void fixed_batch_sse2(const kernels::BatchArrayStep& step);
+void fixed_batch_avx2(const kernels::BatchArrayStep& step);
+void fixed_batch_avx512(const kernels::BatchArrayStep& step);
+void fixed_batch_sse2(const kernels::BatchCovarianceStep& step);
+void fixed_batch_avx2(const kernels::BatchCovarianceStep& step);
+void fixed_batch_avx512(const kernels::BatchCovarianceStep& step);
 
 }  // namespace kfstab::test

@@ -38,10 +38,12 @@ using Maybe = std::optional<Contender>;
 
 /// Ours, sizes known at run time: as the built library has it, with the kernels that it chooses when it runs.
 Maybe ours_dynamic(const std::string& filter, const System& system, bool gain);
-/// Ours, 64 filters of one shape at once.
-Maybe ours_batch(const System& system, bool gain);
+/// Ours, 64 filters of one shape at once, sizes known at run time.
+Maybe ours_batch(const std::string& filter, const System& system, bool gain);
 /// Ours, sizes known to the compiler: a header, compiled with -O3 -march=native.
 Maybe ours_fixed(const std::string& filter, const System& system, bool gain);
+/// The same, 64 filters at once, where sizes are so small that the compiler makes a kernel for them.
+Maybe ours_batch_fixed(const std::string& filter, const System& system, bool gain);
 
 /// SLICOT's routine for what the filter does. FB01SD and FB01TD have no gain.
 Maybe slicot(const std::string& routine, const System& system, bool gain);

@@ -167,7 +167,10 @@ std::vector<Column> columns_of(const Case& c, const System& system) {
   };
   add("fixed", "fixed", true, ours_fixed(filter, system, routine.gain));
   add("dynamic", "dynamic", true, ours_dynamic(filter, system, routine.gain));
-  if (filter == "srcf" && c.shape.n <= 32) add("batch", "batch", true, ours_batch(system, routine.gain));
+  if (c.shape.n <= 32) {
+    Maybe batch = ours_batch_fixed(filter, system, routine.gain);
+    add("batch", "batch", true, batch ? batch : ours_batch(filter, system, routine.gain));
+  }
   add(routine.peer, "", false, slicot(routine.peer, system, routine.gain));
   if (filter == "srcf") {
     add("Eigen QR", "fixed", false, eigen_qr_fixed(system, routine.gain));

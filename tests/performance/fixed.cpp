@@ -3,6 +3,7 @@
 #include <memory>
 #include <type_traits>
 
+#include <kfstab/filters/batch.hpp>
 #include <kfstab/filters/conventional.hpp>
 #include <kfstab/filters/hessenberg_square_root_covariance.hpp>
 #include <kfstab/filters/hessenberg_square_root_information.hpp>
@@ -21,22 +22,13 @@ void set(To& to, const std::vector<double>& numbers) {
   to = Eigen::Map<const To>(numbers.data());
 }
 
-template <class Filter>
-Maybe started(const System& s, bool gain) {
-  using Model = typename Filter::Model;
+/// The model, and what a filter starts from.
+template <class Model>
+void set_up(const System& s, Model& model, kfstab::Matrix<double, Model::states, Model::states>& initial,
+            kfstab::Vector<double, Model::states>& x0) {
   constexpr auto parametrisation = Model::parametrisation;
-  struct Run {
-    Filter filter;
-    Model model;
-    typename Filter::Output y;
-  };
-  auto run = std::make_shared<Run>();
-  Model& model = run->model;
   set(model.C, s.C);
-  set(run->y, s.y);
   model.D.resize(Model::states, 0);
-  kfstab::Matrix<double, Model::states, Model::states> initial;
-  kfstab::Vector<double, Model::states> x0;
   set(x0, s.x0);
   if constexpr (parametrisation == Parametrisation::information) {
     set(model.A_inverse, s.A_inverse);
@@ -57,6 +49,23 @@ Maybe started(const System& s, bool gain) {
       set(initial, s.P0);
     }
   }
+}
+
+template <class Filter>
+Maybe started(const System& s, bool gain) {
+  using Model = typename Filter::Model;
+  constexpr auto parametrisation = Model::parametrisation;
+  struct Run {
+    Filter filter;
+    Model model;
+    typename Filter::Output y;
+  };
+  auto run = std::make_shared<Run>();
+  Model& model = run->model;
+  set(run->y, s.y);
+  kfstab::Matrix<double, Model::states, Model::states> initial;
+  kfstab::Vector<double, Model::states> x0;
+  set_up(s, model, initial, x0);
   run->filter.start(initial, x0);
   if constexpr (parametrisation == Parametrisation::information) run->filter.measurement_update(model, &run->y);
   const auto wanted = gain ? kfstab::Wanted::all
@@ -82,6 +91,47 @@ Maybe started(const System& s, bool gain) {
                    }};
 }
 
+template <class Filter>
+Maybe batch_of(const System& s, bool gain) {
+  using Model = typename Filter::Model;
+  using Batch = kfstab::Batch<Filter>;
+  constexpr int count = 64;
+  auto batch = std::make_shared<Batch>(count);
+  Model model;
+  typename Filter::Output y;
+  kfstab::Matrix<double, Model::states, Model::states> initial;
+  kfstab::Vector<double, Model::states> x0;
+  set(y, s.y);
+  set_up(s, model, initial, x0);
+  // As its peer an information filter begins with the step from 0|0.
+  if (Batch::information) set(initial, s.T0_filtered);
+  for (int i = 0; i < count; ++i) {
+    batch->start(i, initial, x0);
+    batch->set_model(i, model);
+    batch->set_data(i, y);
+  }
+  return Contender{[=] {
+                     batch->step(Batch::information, gain ? kfstab::Wanted::all : kfstab::Wanted::factor);
+                     return static_cast<bool>(batch->report(0));
+                   },
+                   [=] {
+                     const kfstab::Matrix<double> X = batch->held(0);
+                     kfstab::Matrix<double> product = X;
+                     if (Batch::covariance_root) product = X * X.transpose();
+                     if (Batch::information) product = X.transpose() * X;
+                     return std::vector<double>(product.data(), product.data() + product.size());
+                   },
+                   count};
+}
+
+template <int n, int half>
+Maybe batch_of_size(const std::string& filter, const System& system, bool gain) {
+  if (filter == "ckf") return batch_of<kfstab::ConventionalFilter<double, n, half, half>>(system, gain);
+  if (filter == "srcf") return batch_of<kfstab::SquareRootCovarianceFilter<double, n, half, half>>(system, gain);
+  if (filter == "srif") return batch_of<kfstab::SquareRootInformationFilter<double, n, half, half>>(system, gain);
+  return std::nullopt;
+}
+
 template <int n, int half>
 Maybe of_size(const std::string& filter, const System& system, bool gain) {
   if (filter == "ckf") return started<kfstab::ConventionalFilter<double, n, half, half>>(system, gain);
@@ -104,6 +154,17 @@ Maybe ours_fixed(const std::string& filter, const System& system, bool gain) {
     case 4: return of_size<4, 2>(filter, system, gain);
     case 8: return of_size<8, 4>(filter, system, gain);
     case 16: return of_size<16, 8>(filter, system, gain);
+    default: return std::nullopt;
+  }
+}
+
+Maybe ours_batch_fixed(const std::string& filter, const System& system, bool gain) {
+  const auto [n, m, p] = system.shape;
+  if (m != n / 2 || p != n / 2) return std::nullopt;
+  switch (n) {
+    case 2: return batch_of_size<2, 1>(filter, system, gain);
+    case 4: return batch_of_size<4, 2>(filter, system, gain);
+    case 8: return batch_of_size<8, 4>(filter, system, gain);
     default: return std::nullopt;
   }
 }

@@ -137,23 +137,49 @@ Maybe ours_dynamic(const std::string& id, const System& system, bool gain) {
                    }};
 }
 
-Maybe ours_batch(const System& system, bool gain) {
+namespace {
+
+template <class Filter>
+Maybe batch_of(kfstab::Parametrisation parametrisation, const System& system, bool gain) {
+  using Batch = kfstab::Batch<Filter>;
+  using Problem = kfstab::Problem<typename Filter::Model>;
   constexpr int count = 64;
-  const auto problem = std::get<Roots>(problem_for(kfstab::Parametrisation::root, system));
-  auto batch = std::make_shared<kfstab::SquareRootCovarianceBatch>(count, problem.dimensions());
+  const auto problem = std::get<Problem>(problem_for(parametrisation, system));
+  auto batch = std::make_shared<Batch>(count, problem.dimensions());
+  kfstab::Vector<double> y;
+  set(y, system.y, system.shape.p, 1);
+  Matrix initial = problem.initial;
+  // As its peer an information filter begins with the step from 0|0.
+  if (Batch::information) set(initial, system.T0_filtered, system.shape.n, system.shape.n);
   for (int i = 0; i < count; ++i) {
-    batch->start(i, problem.initial, problem.x0);
+    batch->start(i, initial, problem.x0);
     batch->set_model(i, problem.models[0]);
+    batch->set_data(i, y);
   }
   return Contender{[=] {
-                     batch->step(false, gain ? kfstab::Wanted::all : kfstab::Wanted::factor);
+                     batch->step(Batch::information, gain ? kfstab::Wanted::all : kfstab::Wanted::factor);
                      return static_cast<bool>(batch->report(0));
                    },
                    [=] {
-                     const Matrix S = batch->factor(0), P = S * S.transpose();
-                     return std::vector<double>(P.data(), P.data() + P.size());
+                     const Matrix X = batch->held(0);
+                     const Matrix product = Batch::conventional  ? X
+                                            : Batch::information ? Matrix(X.transpose() * X)
+                                                                 : Matrix(X * X.transpose());
+                     return std::vector<double>(product.data(), product.data() + product.size());
                    },
                    count};
+}
+
+}  // namespace
+
+Maybe ours_batch(const std::string& filter, const System& system, bool gain) {
+  using kfstab::Parametrisation;
+  if (filter == "ckf") return batch_of<kfstab::ConventionalFilter<double>>(Parametrisation::covariance, system, gain);
+  if (filter == "srcf")
+    return batch_of<kfstab::SquareRootCovarianceFilter<double>>(Parametrisation::root, system, gain);
+  if (filter == "srif")
+    return batch_of<kfstab::SquareRootInformationFilter<double>>(Parametrisation::information, system, gain);
+  return std::nullopt;
 }
 
 }  // namespace performance
