@@ -56,7 +56,7 @@ Rungs innovation() {
   Random random(8);
   for (int half_decades = 0; half_decades <= 14; ++half_decades) {
     const double k = std::pow(10., half_decades / 2.);
-    Rung& rung = ladder.rungs.emplace_back(k, std::vector<System>{});
+    Rung& rung = ladder.rungs.emplace_back(Rung{k, {}});
     for (int f = 0; f < frames; ++f) {
       Matrix<double> spectrum = Matrix<double>::Zero(p, n);
       for (Index i = 0; i < p; ++i) spectrum(i, i) = std::pow(k, -.5 * static_cast<double>(i));
@@ -130,7 +130,7 @@ Rungs dynamics() {
   Random random(13);
   for (int decades = 0; decades <= 14; ++decades) {
     const double k = std::pow(10., decades);
-    Rung& rung = ladder.rungs.emplace_back(k, std::vector<System>{});
+    Rung& rung = ladder.rungs.emplace_back(Rung{k, {}});
     for (int f = 0; f < frames; ++f) {
       const Matrix<double> U = random_orthogonal(random, n), V = random_orthogonal(random, n),
                            I = Matrix<double>::Identity(n, n);

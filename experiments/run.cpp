@@ -5,7 +5,6 @@
 #include <cmath>
 #include <limits>
 #include <memory>
-#include <ranges>
 #include <type_traits>
 #include <variant>
 
@@ -187,7 +186,8 @@ std::vector<std::unique_ptr<Trajectory>> trajectories(std::map<Parametrisation, 
   std::vector<std::unique_ptr<Trajectory>> made;
   std::vector<const Course*> with_own;
   // That of an information problem first: it alone knows P^{-1}, and everything else as well.
-  for (auto& [parametrisation, course] : courses | std::views::reverse) {
+  for (auto of = courses.rbegin(); of != courses.rend(); ++of) {
+    Course& course = of->second;
     if (!course.numbers()) continue;
     const auto same = std::ranges::find_if(
         with_own, [&](const Course* other) { return reference::same_numbers(*course.numbers(), *other->numbers()); });

@@ -182,8 +182,7 @@ Scan parse_scan(const std::string& text) {
     refuse(scan.name, fmt::format("'{}'", values), "from:to:log:count, from:to:lin:count or value,value,...");
   }
   std::ranges::sort(scan.values);
-  const auto repeated = std::ranges::unique(scan.values);
-  scan.values.erase(repeated.begin(), repeated.end());
+  scan.values.erase(std::unique(scan.values.begin(), scan.values.end()), scan.values.end());
   if (scan.values.size() < 2 || scan.values.size() > most_values)
     refuse(scan.name, fmt::format("{} different values", scan.values.size()), fmt::format("2 to {}", most_values));
   if (scan.of == Scan::Of::bits)

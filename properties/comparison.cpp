@@ -241,7 +241,7 @@ std::optional<System> in_bases(const System& system, const Bases& bases) {
   const auto from_right = [](const Matrix<double>& X, const std::optional<Matrix<double>>& T) {
     return T ? product(X, T->transpose()) : X;
   };
-  const auto& [T, M, V] = bases;
+  const auto &T = bases.T, &M = bases.M, &V = bases.V;
   other.A = mapped(system.A, [&](const Matrix<double>& A) { return from_right(from_left(T, A), T); });
   other.B = mapped(system.B, [&](const Matrix<double>& B) { return from_right(from_left(T, B), V); });
   other.C = mapped(system.C, [&](const Matrix<double>& C) { return from_right(from_left(M, C), T); });

@@ -81,8 +81,9 @@ class Scanner {
 
 /// The entries that belong to matrix k.
 std::pair<const ExactEntry*, const ExactEntry*> entries_of(const std::vector<ExactEntry>& entries, std::size_t k) {
-  const auto of_k = std::ranges::equal_range(entries, k, {}, &ExactEntry::matrix);
-  return {entries.data() + (of_k.begin() - entries.begin()), entries.data() + (of_k.end() - entries.begin())};
+  const auto first = std::ranges::lower_bound(entries, k, {}, &ExactEntry::matrix);
+  const auto last = std::ranges::upper_bound(entries, k, {}, &ExactEntry::matrix);
+  return {entries.data() + (first - entries.begin()), entries.data() + (last - entries.begin())};
 }
 
 bool inside(const ExactEntry& entry, Index rows, Index cols) { return entry.row < rows && entry.col < cols; }

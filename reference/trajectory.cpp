@@ -12,7 +12,7 @@
 namespace kfstab::reference {
 namespace {
 
-constexpr int most_digits = 750;  // what the highest lower rung can be asked for, with some left to lose
+constexpr int most_wanted_digits = 750;  // what the highest lower rung can be asked for, with some left to lose
 
 }  // namespace
 
@@ -40,8 +40,9 @@ struct Trajectory::Implementation {
   Implementation(detail::Source from, std::shared_ptr<const Data> d, std::shared_ptr<const ExactData> e, const Request& asked)
       : source(from), data(std::move(d)), exact_data(std::move(e)), request(asked) {
     const int wanted = request.digits;
-    if (wanted < 1 || wanted > most_digits)
-      throw ReferenceError("digits = " + std::to_string(wanted) + ": expected 1 to " + std::to_string(most_digits));
+    if (wanted < 1 || wanted > most_wanted_digits)
+      throw ReferenceError("digits = " + std::to_string(wanted) + ": expected 1 to " +
+                           std::to_string(most_wanted_digits));
     detail::check(source, with_data());
     const int first = request.first_digits > 0 ? request.first_digits : wanted + detail::spare_digits;
     while (pair + 1 < detail::pairs && detail::rung_digits[pair] < first) ++pair;

@@ -129,7 +129,8 @@ KFSTAB_INLINE void each_column(Index first, Index last, F&& f) {
   if (first < last) f(first, zero);
 }
 
-/// The entry of that row in all lanes, of its vector, or of the column.
+/// The entry of that row in all lanes, of its vector, or of the column (of which code that never runs may want rows that it has
+/// not).
 template <Index Row>
 KFSTAB_INLINE V lane(V x, Constant<Row>) {
   return lane<Row % width>(x);
@@ -137,7 +138,7 @@ KFSTAB_INLINE V lane(V x, Constant<Row>) {
 KFSTAB_INLINE V lane(V x, Index row) { return lane_of(x, row % width); }
 template <Index vectors, Index Row>
 KFSTAB_INLINE V entry(const V (&column)[vectors], Constant<Row>) {
-  return lane<Row % width>(column[Row / width]);
+  return lane<Row % width>(column[least(Row / width, vectors - 1)]);
 }
 template <Index vectors>
 KFSTAB_INLINE V entry(const V (&column)[vectors], Index row) {
@@ -344,7 +345,9 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
   bool ok = true;
   Reflector is{};
   V w[chains][vectors], squares[chains] = {};
-  const auto pivot_column = [&](auto row) KFSTAB_INLINED -> V(&)[vectors] { return row < p ? head[row] : X[row - p]; };
+  const auto pivot_column = [&](auto row) KFSTAB_INLINED -> V(&)[vectors] {
+    return *(row < p ? head + row : X + (row - p));
+  };
   const auto sum_of_chains = [&](auto v) KFSTAB_INLINED {
     V sum = w[0][v] + w[1][v];
     if constexpr (chains == 4) sum += w[2][v] + w[3][v];
@@ -378,7 +381,8 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
       pivots[v] = fma(f[v], pivot, pivots[v]);
     });
     pivots[from] = with_lane(row % width, pivots[from], splat(is.beta));
-    const auto first = size.first_column(row), end = size.end_column(row);
+    const auto first = size.first_column(row);
+    const auto end = size.end_column(row);  // of a type of its own
     // f(k, chain) for the columns: those before `middle` are updated alone, those from `end` on have products alone.
     const auto update = [&](auto k, auto v, V x) KFSTAB_INLINED {
       if (k < end) X[k][v] = fma(f[v], x, X[k][v]);
@@ -393,7 +397,8 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
       return;
     }
     clear_products(from);
-    const auto next_first = size.first_column(next), next_end = size.end_column(next);
+    const auto next_first = size.first_column(next);
+    const auto next_end = size.end_column(next);
     with_vector_of(next, from, all, [&](auto of_next) KFSTAB_INLINED {
       each(first, next_first, [&](auto k) KFSTAB_INLINED { update(k, of_next, lane(X[k][from], row)); });
       each_column(next_first, next_end, [&](auto k, auto c) KFSTAB_INLINED {
@@ -547,7 +552,8 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
       each(zero, strips_of(n), [&](auto c) KFSTAB_INLINED {
         V tile[width];
         const Index j = c * width, end = least(n - j, width);
-        each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED { tile[q] = q < end ? result[j + q] : V{}; });
+        each(zero, Constant<width>{},
+             [&](auto q) KFSTAB_INLINED { tile[q] = q < end ? result[least(j + q, n - 1)] : V{}; });
         each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
           if (!layout.transposed && high > 0 && q < end) store(layout.at(step.Kf, row, j + q), 1, 0, high, tile[q]);
         });

@@ -469,27 +469,17 @@ Eights random_eights(Dice& dice, Index groups, Index rows, Index cols, bool near
   return all;
 }
 
-struct FixedKernels {
-  const char* isa;
-  void (*array)(const kernels::BatchArrayStep&);
-  void (*covariance)(const kernels::BatchCovarianceStep&);
-};
-
 // The same text as for sizes known at run time, whose sums are added in another order: so both are the sum of n + m + p terms, and
 // of what is inverted the numbers near the identity have a condition number below 9 (eigenvalues within 1/2 of 1, and so 3; its
 // square for gains).
 TEST(Batch, KernelsForKnownSizesAreThoseForAny) {
-#if defined(__x86_64__)
-  const FixedKernels all[] = {{"sse2", fixed_batch_sse2, fixed_batch_sse2},
-                              {"avx2", fixed_batch_avx2, fixed_batch_avx2},
-                              {"avx512", fixed_batch_avx512, fixed_batch_avx512}};
-  for (const FixedKernels& fixed : all)
+  for (const FixedKernels* fixed : all_fixed_kernels)
     for (const kernels::Kernels& run_time : kernels::available()) {
-      if (run_time.isa != fixed.isa) continue;
+      if (run_time.isa != fixed->isa) continue;
       for (const Dimensions& d : {Dimensions{2, 1, 1}, Dimensions{5, 3, 2}})
         for (const int form : {0, 1, 2})
           for (const int less : {0, 1, 2, 3, 4}) {
-            SCOPED_TRACE(case_text(fixed.isa, d) + " form " + std::to_string(form) + " less " + std::to_string(less));
+            SCOPED_TRACE(case_text(fixed->isa, d) + " form " + std::to_string(form) + " less " + std::to_string(less));
             const bool information = form == 1;
             const auto [n, m, p] = d;  // of the array
             constexpr Index groups = 2;
@@ -549,7 +539,7 @@ TEST(Batch, KernelsForKnownSizesAreThoseForAny) {
             if (form == 0 && less == 3) continue;  // its state is made of the gain
             const auto gave_up = [](const Results& of) { return of.gave_up[0] | of.gave_up[1] << 8; };
             step(first, run_time.batch_array_step, run_time.batch_covariance_step);
-            step(second, fixed.array, fixed.covariance);
+            step(second, fixed->batch_array, fixed->batch_covariance);
             const auto expect_near = [&, n = n, m = m, p = p](const Eights& X, const Eights& Y) {
               double size = 1;
               for (const auto& eight : X)
@@ -574,11 +564,10 @@ TEST(Batch, KernelsForKnownSizesAreThoseForAny) {
                 (*eights)[i].lane[5] *= i < eights->size() / groups ? 1 : 1e100;
               }
             A.front().lane[7] = std::nan("");
-            step(second, fixed.array, fixed.covariance);
+            step(second, fixed->batch_array, fixed->batch_covariance);
             EXPECT_EQ(gave_up(second), 1 << 2 | 1 << 7 | 1 << 5 << 8);
           }
     }
-#endif
 }
 
 }  // namespace

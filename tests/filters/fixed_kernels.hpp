@@ -4,20 +4,24 @@
 #include <kfstab/filters/kernels/batch_step.hpp>
 
 /// The kernels for sizes that are known at compile time, as a user's source has them that is compiled for one instruction set:
-/// fixed_kernels_ISA.cpp.
+/// the text is fixed_kernels_text.hpp, and fixed_kernels_ISA.cpp compile it.
 namespace kfstab::test {
 
-/// n = 4, m = 2, p = 2, as srcf wants it, or n = 3, m = 1, p = 2 with the last row and transposed, as srif does.
-bool fixed_sse2(const kernels::ArrayStep& step);
-bool fixed_avx2(const kernels::ArrayStep& step);
-bool fixed_avx512(const kernels::ArrayStep& step);
+struct FixedKernels {
+  const char* isa;
+  /// n = 4, m = 2, p = 2, as srcf wants it, or n = 3, m = 1, p = 2 with the last row and transposed, as srif does.
+  bool (*array)(const kernels::ArrayStep&);
+  /// n = 2, m = 1, p = 1, which have room for two vectors at once, or n = 5, m = 3, p = 2 of the array, which have not.
+  void (*batch_array)(const kernels::BatchArrayStep&);
+  void (*batch_covariance)(const kernels::BatchCovarianceStep&);
+};
 
-/// n = 2, m = 1, p = 1, which have room for two vectors at once, or n = 5, m = 3, p = 2 of the array, which have not.
-void fixed_batch_sse2(const kernels::BatchArrayStep& step);
-void fixed_batch_avx2(const kernels::BatchArrayStep& step);
-void fixed_batch_avx512(const kernels::BatchArrayStep& step);
-void fixed_batch_sse2(const kernels::BatchCovarianceStep& step);
-void fixed_batch_avx2(const kernels::BatchCovarianceStep& step);
-void fixed_batch_avx512(const kernels::BatchCovarianceStep& step);
+#if defined(__x86_64__)
+extern const FixedKernels fixed_sse2, fixed_avx2, fixed_avx512;
+inline const FixedKernels* const all_fixed_kernels[] = {&fixed_sse2, &fixed_avx2, &fixed_avx512};
+#else
+extern const FixedKernels fixed_only;
+inline const FixedKernels* const all_fixed_kernels[] = {&fixed_only};
+#endif
 
 }  // namespace kfstab::test

@@ -7,6 +7,7 @@
 #include <cstdlib>
 #include <limits>
 #include <string>
+#include <string_view>
 #include <tuple>
 #include <vector>
 
@@ -87,7 +88,7 @@ long double row_product(const Wide& X, Index i, Index j) {
 double backward_error(const RootModel<double>& model, const Matrix<double>& S0, const KernelResult& is) {
   const auto [n, m, p] = model.dimensions();
   const Wide S = lower(S0), Q = lower(model.Q_root), R = lower(model.R_root);
-  const auto array = [&](auto f) {
+  const auto array = [&, n = n, m = m, p = p](auto f) {
     Wide X = Wide::Zero(p + n, p + n + m);
     for (Index i = 0; i < p + n; ++i)
       for (Index j = 0; j < p + n + m; ++j) {
@@ -180,10 +181,18 @@ TEST(Kernels, OfFixedSizesAreBackwardStable) {
   fixed_is_dynamic<5, 1, 0>();
 }
 
-#if defined(__x86_64__)
+/// Those that are compiled for the same machine.
+const FixedKernels* fixed_kernels(std::string_view isa) {
+  for (const FixedKernels* fixed : all_fixed_kernels)
+    if (fixed->isa == isa) return fixed;
+  return nullptr;
+}
+
 // Beside the kernels for any size, which the tests above hold against the plain text: all results, the right-hand side too.
 TEST(Kernels, OfFixedSizesAreThoseOfAnySize) {
-  for (const kernels::Kernels& kernel : kernels::available())
+  for (const kernels::Kernels& kernel : kernels::available()) {
+    const FixedKernels* const fixed = fixed_kernels(kernel.isa);
+    ASSERT_NE(fixed, nullptr) << kernel.isa;
     for (const bool transposed : {false, true})
       for (std::uint64_t seed = 1; seed <= 5; ++seed) {
         SCOPED_TRACE(std::string(kernel.isa) + (transposed ? " transposed" : ""));
@@ -231,9 +240,7 @@ TEST(Kernels, OfFixedSizesAreThoseOfAnySize) {
           return std::tuple{Matrix<double>(L.lazyProduct(L.transpose())), rest, right.tail(m).cwiseAbs().eval()};
         };
         const auto [P, rest, e] = run(kernel.array_step);
-        const auto [P_, rest_, e_] = run(kernel.isa == "sse2"   ? fixed_sse2
-                                         : kernel.isa == "avx2" ? fixed_avx2
-                                                                : fixed_avx512);
+        const auto [P_, rest_, e_] = run(fixed->array);
         // Re' Re is within [1, 100] for these: two solves lose less than that.
         EXPECT_LE((P - P_).norm(), threshold * 0x1p-53 * static_cast<double>(n + m + p) * P.norm());
         EXPECT_LE((rest - rest_).norm(), 100 * threshold * 0x1p-53 * static_cast<double>(n + m + p) * rest.norm());
@@ -241,8 +248,8 @@ TEST(Kernels, OfFixedSizesAreThoseOfAnySize) {
           EXPECT_LE((e - e_).norm(), threshold * 0x1p-53 * static_cast<double>(n + m + p) * x.norm() * P.norm());
         }
       }
+  }
 }
-#endif
 
 // Rows of the array as large or small as doubles allow: all of them, or every other.
 TEST(Kernels, AreGuardedAgainstOverAndUnderflow) {

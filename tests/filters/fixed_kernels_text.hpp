@@ -1,0 +1,32 @@
+#pragma once
+
+#include <kfstab/filters/kernels/array_kernel.hpp>
+#include <kfstab/filters/kernels/batch_covariance_kernel.hpp>
+
+#include "filters/fixed_kernels.hpp"
+
+namespace kfstab::test::KFSTAB_KERNELS {
+
+using namespace kernels::KFSTAB_KERNELS;
+
+inline bool fixed_array(const kernels::ArrayStep& step) {
+  return step.transposed ? fixed_array_step<3, 1, 2, true, true>(step) : fixed_array_step<4, 2, 2, false, false>(step);
+}
+
+inline void fixed_batch_array(const kernels::BatchArrayStep& step) {
+  if (step.information)
+    step.n == 2 ? fixed_batch_array_step<2, 1, 1, true>(step) : fixed_batch_array_step<5, 3, 2, true>(step);
+  else
+    step.n == 2 ? fixed_batch_array_step<2, 1, 1, false>(step) : fixed_batch_array_step<5, 3, 2, false>(step);
+}
+
+inline void fixed_batch_covariance(const kernels::BatchCovarianceStep& step) {
+  step.n == 2 ? fixed_batch_covariance_step<2, 1, 1>(step) : fixed_batch_covariance_step<5, 3, 2>(step);
+}
+
+#define KFSTAB_NAME_OF(isa) #isa
+#define KFSTAB_NAME(isa) KFSTAB_NAME_OF(isa)
+inline constexpr FixedKernels fixed = {KFSTAB_NAME(KFSTAB_KERNELS), fixed_array, fixed_batch_array,
+                                       fixed_batch_covariance};
+
+}  // namespace kfstab::test::KFSTAB_KERNELS
