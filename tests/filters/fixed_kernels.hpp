@@ -7,12 +7,14 @@
 /// fixed_kernels_ISA.cpp.
 namespace kfstab::test {
 
-/// n = 4, m = 2, p = 2, as srcf wants it, or n = 3, m = 1, p = 2 with the last row and transposed, as srif does.
+/// n = 4, m = 2, p = 2, as srcf wants it, or n = 3, m = 1, p = 2 with the last row and transposed, as srif does; for AVX-512
+/// n = 9, m = 1, p = 9, too.
 bool fixed_sse2(const kernels::ArrayStep& step);
 bool fixed_avx2(const kernels::ArrayStep& step);
 bool fixed_avx512(const kernels::ArrayStep& step);
 
-/// n = 2, m = 1, p = 1, which have room for two vectors at once, or n = 5, m = 3, p = 2 of the array, which have not.
+/// n = 2, m = 1, p = 1 of the array, which have room for two vectors at once, or what has not: n = 5, m = 3, p = 2 for AVX-512,
+/// n = 3, m = 1, p = 2 for the others.
 void fixed_batch_sse2(const kernels::BatchArrayStep& step);
 void fixed_batch_avx2(const kernels::BatchArrayStep& step);
 void fixed_batch_avx512(const kernels::BatchArrayStep& step);

@@ -11,12 +11,12 @@ bool kfstab::test::fixed_avx2(const kernels::ArrayStep& step) {
 void kfstab::test::fixed_batch_avx2(const kernels::BatchArrayStep& step) {
   using namespace kernels::avx2;
   if (step.information)
-    step.n == 2 ? fixed_batch_array_step<2, 1, 1, true>(step) : fixed_batch_array_step<5, 3, 2, true>(step);
+    step.n == 2 ? fixed_batch_array_step<2, 1, 1, true>(step) : fixed_batch_array_step<3, 1, 2, true>(step);
   else
-    step.n == 2 ? fixed_batch_array_step<2, 1, 1, false>(step) : fixed_batch_array_step<5, 3, 2, false>(step);
+    step.n == 2 ? fixed_batch_array_step<2, 1, 1, false>(step) : fixed_batch_array_step<3, 1, 2, false>(step);
 }
 
 void kfstab::test::fixed_batch_avx2(const kernels::BatchCovarianceStep& step) {
   using namespace kernels::avx2;
-  step.n == 2 ? fixed_batch_covariance_step<2, 1, 1>(step) : fixed_batch_covariance_step<5, 3, 2>(step);
+  step.n == 2 ? fixed_batch_covariance_step<2, 1, 1>(step) : fixed_batch_covariance_step<3, 1, 2>(step);
 }

@@ -4,7 +4,8 @@
 #include "filters/fixed_kernels.hpp"
 
 bool kfstab::test::fixed_avx512(const kernels::ArrayStep& step) {
-  return step.transposed ? kernels::avx512::fixed_array_step<3, 1, 2, true, true>(step)
+  return step.n == 9       ? kernels::avx512::fixed_array_step<9, 1, 9, false, false>(step)
+         : step.transposed ? kernels::avx512::fixed_array_step<3, 1, 2, true, true>(step)
                          : kernels::avx512::fixed_array_step<4, 2, 2, false, false>(step);
 }
 
