@@ -196,10 +196,9 @@ inline void run_time_batch_covariance_step(const BatchCovarianceStep& step) {
 
 /// For sizes that are known at run time.
 inline void batch_covariance_step(const BatchCovarianceStep& step) {
-  if (two_pay(false, step.n, step.m, step.p))
-    run_time_batch_covariance_step<Two>(step);
-  else
-    run_time_batch_covariance_step<V>(step);
+  if constexpr (width == 8)
+    if (two_pay(false, step.n, step.m, step.p)) return run_time_batch_covariance_step<Two>(step);
+  run_time_batch_covariance_step<V>(step);
 }
 
 /// For sizes that are known at compile time, and small.

@@ -343,10 +343,9 @@ inline void run_time_batch_array_step(const BatchArrayStep& step) {
 
 /// For sizes that are known at run time.
 inline void batch_array_step(const BatchArrayStep& step) {
-  if (two_pay(false, step.n, step.m, step.p))
-    run_time_batch_array_step<Two>(step);
-  else
-    run_time_batch_array_step<V>(step);
+  if constexpr (width == 8)
+    if (two_pay(false, step.n, step.m, step.p)) return run_time_batch_array_step<Two>(step);
+  run_time_batch_array_step<V>(step);
 }
 
 /// Whether sizes that are known at compile time are best done by a kernel of their own: the code grows with their cube.

@@ -9,9 +9,12 @@ namespace kfstab::test {
 
 struct FixedKernels {
   const char* isa;
-  /// n = 4, m = 2, p = 2, as srcf wants it, or n = 3, m = 1, p = 2 with the last row and transposed, as srif does.
+  kernels::Index width;  ///< of a vector, in doubles
+  /// n = 4, m = 2, p = 2, as srcf wants it, or n = 3, m = 1, p = 2 with the last row and transposed, as srif does; of width 8
+  /// n = 9, m = 1, p = 9, too.
   bool (*array)(const kernels::ArrayStep&);
-  /// n = 2, m = 1, p = 1, which have room for two vectors at once, or n = 5, m = 3, p = 2 of the array, which have not.
+  /// n = 2, m = 1, p = 1 of the array, which have room for two vectors at once, or what has not: n = 5, m = 3, p = 2 of width 8,
+  /// n = 3, m = 1, p = 2 of the others.
   void (*batch_array)(const kernels::BatchArrayStep&);
   void (*batch_covariance)(const kernels::BatchCovarianceStep&);
 };

@@ -193,11 +193,13 @@ TEST(Kernels, OfFixedSizesAreThoseOfAnySize) {
   for (const kernels::Kernels& kernel : kernels::available()) {
     const FixedKernels* const fixed = fixed_kernels(kernel.isa);
     ASSERT_NE(fixed, nullptr) << kernel.isa;
-    for (const bool transposed : {false, true})
+    for (const Dimensions& d : {Dimensions{3, 1, 2}, Dimensions{4, 2, 2}, Dimensions{9, 1, 9}})
       for (std::uint64_t seed = 1; seed <= 5; ++seed) {
-        SCOPED_TRACE(std::string(kernel.isa) + (transposed ? " transposed" : ""));
+        if (d.n == 9 && fixed->width < 8) continue;  // the kernel of AVX-512 for that size has loops
+        const Index n = d.n, m = d.m, p = d.p;
+        const bool transposed = n == 3;
+        SCOPED_TRACE(std::string(kernel.isa) + ' ' + text(d) + (transposed ? " transposed" : ""));
         Dice dice(seed);
-        const Index n = transposed ? 3 : 4, m = transposed ? 1 : 2, p = 2;
         const auto given = [&](Index rows, Index cols) {
           return transposed ? Matrix<double>(dice.matrix(cols, rows, 16)) : Matrix<double>(dice.matrix(rows, cols, 16));
         };
@@ -209,6 +211,7 @@ TEST(Kernels, OfFixedSizesAreThoseOfAnySize) {
         const auto run = [&](bool (*array_step)(const kernels::ArrayStep&)) {
           Matrix<double> S_next = Matrix<double>::Zero(n, n), Re = Matrix<double>::Zero(p, p), K(n, p);
           Vector<double> right = Vector<double>::Zero(n + m), work(kernels::array_step_work(n, m, p));
+          double rcond = 0;
           kernels::ArrayStep step{.n = n,
                                   .m = m,
                                   .p = p,
@@ -223,6 +226,7 @@ TEST(Kernels, OfFixedSizesAreThoseOfAnySize) {
                                   .R = kernels::source(R),
                                   .S_next = kernels::target(S_next),
                                   .Re = kernels::target(Re),
+                                  .rcond_of_Re = &rcond,
                                   .work = work.data()};
           if (transposed) {
             step.x = x.data();
@@ -237,15 +241,17 @@ TEST(Kernels, OfFixedSizesAreThoseOfAnySize) {
           const Matrix<double> L = transposed ? Matrix<double>(S_next.transpose()) : S_next;
           // Signs of columns are free: what does not depend on them is compared.
           Matrix<double> rest = transposed ? Matrix<double>(L.lazyProduct(right.head(n))) : K;
-          return std::tuple{Matrix<double>(L.lazyProduct(L.transpose())), rest, right.tail(m).cwiseAbs().eval()};
+          return std::tuple{Matrix<double>(L.lazyProduct(L.transpose())), rest, right.tail(m).cwiseAbs().eval(), rcond};
         };
-        const auto [P, rest, e] = run(kernel.array_step);
-        const auto [P_, rest_, e_] = run(fixed->array);
-        // Re' Re is within [1, 100] for these: two solves lose less than that.
-        EXPECT_LE((P - P_).norm(), threshold * 0x1p-53 * static_cast<double>(n + m + p) * P.norm());
-        EXPECT_LE((rest - rest_).norm(), 100 * threshold * 0x1p-53 * static_cast<double>(n + m + p) * rest.norm());
+        const auto [P, rest, e, rcond] = run(kernel.array_step);
+        const auto [P_, rest_, e_, rcond_] = run(fixed->array);
+        // The gain is divided by Re^{1/2}, whose backward error is multiplied by its condition number.
+        const double unit = threshold * 0x1p-53 * static_cast<double>(n + m + p);
+        EXPECT_LE((P - P_).norm(), unit * P.norm());
+        EXPECT_LE((rest - rest_).norm(), unit / rcond * rest.norm());
+        EXPECT_NEAR(rcond_, rcond, unit);
         if (transposed) {
-          EXPECT_LE((e - e_).norm(), threshold * 0x1p-53 * static_cast<double>(n + m + p) * x.norm() * P.norm());
+          EXPECT_LE((e - e_).norm(), unit * x.norm() * P.norm());
         }
       }
   }
@@ -495,7 +501,7 @@ void fixed_forms_are_plain() {
 TEST(Kernels, OfFixedSizesAgreeWithThePlainText) {
   fixed_forms_are_plain<1, 1, 1>();
   fixed_forms_are_plain<2, 1, 3>();
-  fixed_forms_are_plain<5, 3, 1>();
+  fixed_forms_are_plain<3, 2, 1>();
 }
 
 // Rows that no square may be taken of, what is singular or not finite, what is not wanted: the same as by the plain text.
