@@ -345,9 +345,7 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
   bool ok = true;
   Reflector is{};
   V w[chains][vectors], squares[chains] = {};
-  const auto pivot_column = [&](auto row) KFSTAB_INLINED -> V(&)[vectors] {
-    return *(row < p ? head + row : X + (row - p));
-  };
+  const auto pivot_column = [&](Index row) KFSTAB_INLINED -> V(&)[vectors] { return row < p ? head[row] : X[row - p]; };
   const auto sum_of_chains = [&](auto v) KFSTAB_INLINED {
     V sum = w[0][v] + w[1][v];
     if constexpr (chains == 4) sum += w[2][v] + w[3][v];
