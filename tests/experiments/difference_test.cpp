@@ -35,14 +35,14 @@ std::vector<std::vector<std::string>> rows(const Difference& found, const std::s
 
 Difference between(const Stored& before, const Stored& after) { return difference(before, after, "a.json", "b.json"); }
 
-const Metadata ckf{.id = "ckf", .title = "", .update = "", .statuses = {}, .operations = "", .source = ""};
+const Metadata conventional{.id = "ckf", .title = "", .update = "", .statuses = {}, .operations = "", .source = ""};
 
 /// One filter on one system, with these errors of P.
 StoredRun stored_run(std::vector<double> errors) {
   SystemRun system;
   system.name = "s";
   FilterRun f;
-  f.metadata = &ckf;
+  f.metadata = &conventional;
   for (std::size_t k = 0; k < errors.size(); ++k) f.covariance_error.add(static_cast<std::int64_t>(k), errors[k]);
   system.filters = {f};
   return {{}, {system}, nullptr};
