@@ -486,7 +486,7 @@ TEST(Batch, KernelsForKnownSizesAreThoseForAny) {
   for (const FixedKernels& fixed : all)
     for (const kernels::Kernels& run_time : kernels::available()) {
       if (run_time.isa != fixed.isa) continue;
-      for (const Dimensions& d : {Dimensions{2, 1, 1}, fixed.isa == "avx512" ? Dimensions{5, 3, 2} : Dimensions{3, 1, 2}})
+      for (const Dimensions& d : {Dimensions{2, 1, 1}, std::string(fixed.isa) == "avx512" ? Dimensions{5, 3, 2} : Dimensions{3, 1, 2}})
         for (const int form : {0, 1, 2})
           for (const int less : {0, 1, 2, 3, 4}) {
             SCOPED_TRACE(case_text(fixed.isa, d) + " form " + std::to_string(form) + " less " + std::to_string(less));
