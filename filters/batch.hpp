@@ -7,8 +7,73 @@
 
 #include <kfstab/filters/conventional.hpp>
 #include <kfstab/filters/kernels.hpp>
+#include <kfstab/filters/kernels/batch_covariance_kernel.hpp>
 #include <kfstab/filters/square_root_covariance.hpp>
 #include <kfstab/filters/square_root_information.hpp>
+
+namespace kfstab::kernels {
+
+/// All filters of a batch, where there are no kernels.
+template <class BatchStep>
+void give_up(const BatchStep& step) {
+  for (Index group = 0; group < step.groups; ++group) step.gave_up[group] = 0xff;
+}
+
+#ifdef KFSTAB_FILTERS_LIBRARY
+inline void run(const BatchArrayStep& step) {
+  if (const Kernels* kernels = in_use())
+    kernels->batch_array_step(step);
+  else
+    give_up(step);
+}
+
+inline void run(const BatchCovarianceStep& step) {
+  if (const Kernels* kernels = in_use())
+    kernels->batch_covariance_step(step);
+  else
+    give_up(step);
+}
+#elif defined(KFSTAB_KERNELS)
+inline void run(const BatchArrayStep& step) { KFSTAB_KERNELS::batch_array_step(step); }
+inline void run(const BatchCovarianceStep& step) { KFSTAB_KERNELS::batch_covariance_step(step); }
+#else
+inline void run(const BatchArrayStep& step) { give_up(step); }
+inline void run(const BatchCovarianceStep& step) { give_up(step); }
+#endif
+
+/// Whether a batch of filters of sizes that may be known has a kernel of its own, in the user's source. It is the library's
+/// that is faster where that source is compiled for narrow vectors, and the machine may have wide ones.
+template <int n, int m, int p>
+constexpr bool batch_of_its_own() {
+#ifdef KFSTAB_KERNELS
+#ifdef KFSTAB_FILTERS_LIBRARY
+  constexpr Index least_width = 4;
+#else
+  constexpr Index least_width = 1;
+#endif
+  if constexpr (n != Dynamic && m != Dynamic && p != Dynamic)
+    return KFSTAB_KERNELS::width >= least_width && KFSTAB_KERNELS::fixed_batch_pays(n, m, p);
+#endif
+  return false;
+}
+
+/// run(step), for sizes that may be known, n, m, p of the array.
+template <int n, int m, int p, bool information>
+void run_sized(const BatchArrayStep& step) {
+#ifdef KFSTAB_KERNELS
+  if constexpr (batch_of_its_own<n, m, p>()) return KFSTAB_KERNELS::fixed_batch_array_step<n, m, p, information>(step);
+#endif
+  run(step);
+}
+template <int n, int m, int p>
+void run_sized(const BatchCovarianceStep& step) {
+#ifdef KFSTAB_KERNELS
+  if constexpr (batch_of_its_own<n, m, p>()) return KFSTAB_KERNELS::fixed_batch_covariance_step<n, m, p>(step);
+#endif
+  run(step);
+}
+
+}  // namespace kfstab::kernels
 
 namespace kfstab {
 

@@ -56,7 +56,7 @@ KFSTAB_INLINE double entry_of_Ux(const ArrayStep& step, Index k) {
   return result;
 }
 
-// ---- small: the whole array in NV vectors a column, one reflector after the other ----
+// ---- small: the whole array in registers, or near them, one reflector after the other ----
 
 /// The sizes of a step: known when it is compiled, or not.
 template <Index N, Index M, Index P, bool has_last_, bool transposed_>
@@ -381,7 +381,7 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
     pivots[from] = with_lane(row % width, pivots[from], splat(is.beta));
     const auto first = size.first_column(row);
     const auto end = size.end_column(row);  // of a type of its own
-    // f(k, chain) for the columns: those before `middle` are updated alone, those from `end` on have products alone.
+    // Columns before the next row's are updated alone, those from `end` on have products alone.
     const auto update = [&](auto k, auto v, V x) KFSTAB_INLINED {
       if (k < end) X[k][v] = fma(f[v], x, X[k][v]);
     };

@@ -412,6 +412,32 @@ TEST(Kernels, OfTheArrayFormsAgreeWithTheirPlainText) {
       }
 }
 
+// The 1-norm is that of T+, and not of its transpose: of T = I + 1000 e_1 (0, 1, ..., 1) the one has the condition number 1001^2,
+// the other one nearly 69^2 times as much. Below and above the order from which on it is estimated.
+TEST(Kernels, KnowTheConditionOfTFromThatOfItsTranspose) {
+  for (const Index n : {Index(6), Index(70)}) {
+    const Dimensions d{n, 1, 1};
+    InformationModel<double> model;
+    model.A_inverse.setIdentity(n, n);
+    model.A_inverse_B.setZero(n, 1);
+    model.C.setZero(1, n);
+    model.D.resize(n, 0);
+    model.Q_inverse_root.setIdentity(1, 1);
+    model.R_inverse_root.setIdentity(1, 1);
+    Matrix<double> T0 = Matrix<double>::Identity(n, n);
+    T0.row(0).tail(n - 1).setConstant(1000);
+    for (const std::string& isa : all_kernels()) {
+      const WithKernels with(isa);
+      SquareRootInformationFilter<double> filter(d);
+      filter.start(T0, Vector<double>::Zero(n));
+      const auto report = filter.step(model, model);
+      EXPECT_EQ(report.status, Status::ok);
+      EXPECT_GE(report.rcond, 1 / (1001.0 * 1001.0) * (1 - 1e-6)) << isa << ' ' << n;  // rounding: 1001^2 n u
+      EXPECT_LE(report.rcond, 3 / (1001.0 * 1001.0)) << isa << ' ' << n;               // an estimate
+    }
+  }
+}
+
 /// What a step says, and what stands after it.
 struct Outcome {
   Status status;

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include <kfstab/filters/batch.hpp>
 #include <kfstab/filters/registry.hpp>
 
 #include "filters/random_problem.hpp"
@@ -192,6 +193,33 @@ TEST(Step, OfEveryFilterAllocatesNothing) {
             << text(metadata.id, d) << ", step " << k;
       EXPECT_EQ(status, Status::ok) << text(metadata.id, d) << ": " << name(status);
     }
+}
+
+template <class Filter>
+void batch_allocates_nothing() {
+  using Model = typename Filter::Model;
+  const Dimensions d{5, 2, 3};
+  const auto problem = std::get<Problem<Model>>(large(Model::parametrisation, d));
+  Batch<Filter> batch(9, d);
+  Dice dice(64);
+  for (Index i = 0; i < batch.count(); ++i) {
+    Model model = problem.models[0];
+    if (i == 4) model.C *= 1e200;  // is done alone
+    if (i == 5) model.C(0, 0) = std::nan("");
+    batch.start(i, problem.initial, problem.x0);
+    batch.set_model(i, model);
+    batch.set_data(i, dice.vector(d.p, 16));
+  }
+  for (const Wanted wanted : {Wanted::all, Wanted::state, Wanted::gain, Wanted::factor})
+    EXPECT_EQ(allocations_of([&] { batch.step(true, wanted); }), 0) << static_cast<int>(wanted);
+  EXPECT_EQ(batch.report(0).status, Status::ok);
+  EXPECT_EQ(batch.report(5).status, Status::non_finite_input);
+}
+
+TEST(Step, OfABatchAllocatesNothing) {
+  batch_allocates_nothing<ConventionalFilter<double>>();
+  batch_allocates_nothing<SquareRootCovarianceFilter<double>>();
+  batch_allocates_nothing<SquareRootInformationFilter<double>>();
 }
 
 TEST(Step, ThatFailsAllocatesNothing) {

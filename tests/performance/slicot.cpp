@@ -25,17 +25,17 @@ namespace {
 
 using Matrix = kfstab::Matrix<double>;
 
-/// OpenBLAS may not know a processor that is younger than itself, and then takes its slowest kernels. What the machine
-/// has is said before the library is loaded, unless the user has said something.
+/// OpenBLAS may not know a processor that is younger than itself, and then takes its slowest kernels; or somebody's environment
+/// names kernels for the oldest of many machines. What this machine has is said before the library is loaded.
 void* load() {
   setenv("OPENBLAS_NUM_THREADS", "1", 1);
 #if defined(__x86_64__)
   __builtin_cpu_init();
   if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw") &&
       __builtin_cpu_supports("avx512vl"))
-    setenv("OPENBLAS_CORETYPE", "SKYLAKEX", 0);
+    setenv("OPENBLAS_CORETYPE", "SKYLAKEX", 1);
   else if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
-    setenv("OPENBLAS_CORETYPE", "HASWELL", 0);
+    setenv("OPENBLAS_CORETYPE", "HASWELL", 1);
 #endif
   return dlopen("libslicot.so.0", RTLD_NOW | RTLD_LOCAL);
 }
