@@ -37,9 +37,9 @@ KFSTAB_INLINE Reflector reflector(double alpha, double square, bool& ok, Zero&& 
     return {alpha, 0, 0};
   }
   if (square == 0) return {alpha, 0, 0};
-  // beta pivot = -(|alpha| norm + norm2), which is known sooner than the pivot.
-  const double norm = root(norm2), beta = -__builtin_copysign(norm, alpha);
-  return {beta, alpha - beta, -1 / fma(__builtin_fabs(alpha), norm, norm2)};
+  // d of the rounded pivot: -1 / (|alpha| norm + norm2) would be known sooner, but H less orthogonal by up to 2.
+  const double beta = -__builtin_copysign(root(norm2), alpha), pivot = alpha - beta;
+  return {beta, pivot, 1 / (beta * pivot)};
 }
 
 /// Entry k of U x, or of x if there is no U.
