@@ -56,6 +56,7 @@ ClaimResult run_claim(const Claim& claim, const std::map<std::string, double>& s
   ClaimResult result{claim, settings_of(claim, set, effort), {}, 0};
   const auto begin = std::chrono::steady_clock::now();
   result.findings = claim.measure(result.settings);
+  going_on();  // runs keep what is done
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   return result;
 }
@@ -69,9 +70,11 @@ std::vector<ClaimResult> run_claims(const std::vector<Claim>& claims, const std:
         oneapi::tbb::blocked_range<std::size_t>(0, claims.size(), 1),
         [&](const oneapi::tbb::blocked_range<std::size_t>& range) {
           for (std::size_t i = range.begin(); i < range.end() && !interrupted(); ++i) {
-            ClaimResult result = run_claim(claims[i], set, effort);
-            if (interrupted()) return;  // a claim that was cut short is not judged
-            finished[i] = std::move(result);
+            try {
+              finished[i] = run_claim(claims[i], set, effort);
+            } catch (const Interrupted&) {
+              return;
+            }
             done();
           }
         },

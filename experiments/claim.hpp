@@ -77,7 +77,7 @@ enum class Effort { full, quick };
 /// range.
 Settings settings_of(const Claim& claim, const std::map<std::string, double>& set, Effort effort = Effort::full);
 
-/// Runs a claim with settings_of(claim, set, effort).
+/// Runs a claim with settings_of(claim, set, effort). Throws Interrupted: a claim that was cut short is not judged.
 ClaimResult run_claim(const Claim& claim, const std::map<std::string, double>& set, Effort effort = Effort::full);
 
 /// Runs claims, `jobs` at once (0: one a core), and gives the results in their order. done is called after each, from

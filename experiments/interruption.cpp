@@ -21,4 +21,9 @@ void watch_for_interruption() {
 
 bool interrupted() { return requested != 0; }
 
+bool going_on() {
+  if (interrupted()) throw Interrupted();
+  return true;
+}
+
 }  // namespace kfstab::experiments

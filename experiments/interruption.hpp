@@ -8,4 +8,9 @@ void watch_for_interruption();
 
 bool interrupted();
 
+/// What cannot be kept half done, a claim, asks this between its steps: true, or throws Interrupted. So what comes after its loops
+/// may rely on all that they make.
+struct Interrupted {};
+bool going_on();
+
 }  // namespace kfstab::experiments

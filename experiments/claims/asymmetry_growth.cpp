@@ -167,7 +167,7 @@ void two_outputs(const Settings& set, Findings& findings) {
   figure.x = {"step k", false};
   figure.y = {"asymmetry, ||P - P'|| / 2 relative to ||P||", true};
 
-  for (int s = 0; s < systems && !interrupted(); ++s) {
+  for (int s = 0; s < systems && going_on(); ++s) {
     Random random(static_cast<std::uint64_t>(set("seed")) + static_cast<std::uint64_t>(s));
     const Index n = 5, p = 2;
     const auto system = random_system(random, {n, 2, p}, 1.15, 1);

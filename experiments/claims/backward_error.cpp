@@ -211,7 +211,7 @@ Findings measure(const Settings& set) {
   for (std::size_t which = 0; which < forms.size(); ++which) {
     const Form& form = forms[which];
     std::vector<double> k, whole, scaled;
-    for (int s = 0; s < static_cast<int>(set("systems")) && !interrupted(); ++s) {
+    for (int s = 0; s < static_cast<int>(set("systems")) && going_on(); ++s) {
       Random random(static_cast<std::uint64_t>(set("seed")) + static_cast<std::uint64_t>(s));
       const Numbers x = draw(random, s % 2 == 1);
       const auto f = form.factorise(x);

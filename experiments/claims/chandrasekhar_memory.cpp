@@ -85,7 +85,7 @@ void one_disturbance(const Settings& set, Findings& findings) {
   figure.y = {"||dK_k|| / ||K_k||", true};
 
   double of_G = 0, of_Re = 0, forgotten = 0, constancy = 0, of_E_R = 0;
-  for (int s = 0; s < systems && !interrupted(); ++s) {
+  for (int s = 0; s < systems && going_on(); ++s) {
     const auto drawn = draw(random, d, set("rho"));
     if (!drawn) {
       of_G = of_Re = forgotten = constancy = of_E_R = NaN;
@@ -182,7 +182,7 @@ void large_prior(const Settings& set, Findings& findings) {
   Ladder csrf;
   std::map<std::string, Ladder> others;
   double worst = 0;
-  for (int s = 0; s < systems && !interrupted(); ++s) {
+  for (int s = 0; s < systems && going_on(); ++s) {
     const auto drawn = draw(random, d, set("rho"));
     if (!drawn) {
       worst = NaN;

@@ -33,7 +33,7 @@ Findings measure(const Settings& set) {
 
   std::vector<double> number;
   std::map<std::string, std::vector<double>> worst;
-  for (int s = 0; s < systems && !interrupted(); ++s) {
+  for (int s = 0; s < systems && going_on(); ++s) {
     Random random(static_cast<std::uint64_t>(set("seed")) + static_cast<std::uint64_t>(s));
     Matrix<double> A = random_normal(random, n, n);
     A = round_to(A * (set("rho") / reference::spectral_radius(A)), 18);

@@ -68,7 +68,7 @@ OneStep one_step(double d, std::uint64_t seed) {
 Findings measure(const Settings& set) {
   std::vector<double> inverse, downdating, array;
   double breaks_down = NaN;
-  for (int j = 3; j <= 29 && !interrupted(); j += 2) {
+  for (int j = 3; j <= 29 && going_on(); j += 2) {
     std::vector<double> one, other;
     for (int draw = 0; draw < static_cast<int>(set("draws")); ++draw) {
       const auto errors =

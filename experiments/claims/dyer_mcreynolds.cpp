@@ -95,7 +95,7 @@ Findings measure(const Settings& set) {
   double closed_form = 0;
   std::map<int, std::map<std::string, Fate>> table;
   for (const int j : exponents) {
-    if (interrupted()) break;
+    going_on();
     table[j] = fates(std::exp2(-j), steps, closed_form);
   }
 

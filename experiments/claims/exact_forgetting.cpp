@@ -63,7 +63,7 @@ Findings measure(const Settings& set) {
   figure.y = {"||dP_k|| / ||dP||", true};
 
   std::map<std::string_view, std::map<double, double>> worst;  // by filter and size of dP
-  for (int s = 0; s < systems && !interrupted(); ++s) {
+  for (int s = 0; s < systems && going_on(); ++s) {
     const auto system = varying_system(random, {n, 2, p}, steps);
     // An indefinite dP may be lost by chance in Phi dP Phi', and then second order is all there is: theory bounds it for
     // dP >= 0.

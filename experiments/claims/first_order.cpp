@@ -218,7 +218,7 @@ Findings measure(const Settings& set) {
   const Dimensions d{static_cast<Index>(set("n")), 2, static_cast<Index>(set("p"))};
   Random random(static_cast<std::uint64_t>(set("seed")));
   Residuals residuals;
-  for (int s = 0; s < systems && !interrupted(); ++s) {
+  for (int s = 0; s < systems && going_on(); ++s) {
     const Setting setting = draw(random, d);
     Numbers any = exact(random_normal(random, d.n, d.n));
     any = scaled(any, Number(1) / Number(norm(any)));

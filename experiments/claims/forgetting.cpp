@@ -120,7 +120,7 @@ Findings measure(const Settings& set) {
   std::map<std::string_view, double> along, anywhere;
   for (const Metadata* filter : filters) along[filter->id] = anywhere[filter->id] = 0;
   bool enough = true;
-  for (int s = 0; s < systems && !interrupted(); ++s) {
+  for (int s = 0; s < systems && going_on(); ++s) {
     const auto drawn = draw(random, {n, 2, p}, set("rho"), steps);
     if (!drawn) {
       enough = false;

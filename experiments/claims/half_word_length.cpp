@@ -56,7 +56,7 @@ Rung rung(double alpha, const Settings& set) {
   const Index n = 3;
   std::vector<double> conventional, single, root;
   int lost = 0, systems = 0;
-  for (; systems < static_cast<int>(set("systems")) && !interrupted(); ++systems) {
+  for (; systems < static_cast<int>(set("systems")) && going_on(); ++systems) {
     // The same systems at every alpha. Ten bits: exact in float, and so are S0 S0' and B Q B' in double.
     Random random(static_cast<std::uint64_t>(set("seed")) + static_cast<std::uint64_t>(systems));
     Matrix<double> A = random_normal(random, n, n);
@@ -78,7 +78,7 @@ Rung rung(double alpha, const Settings& set) {
 
 Findings measure(const Settings& set) {
   std::vector<Rung> ladder;
-  for (int exponent = 0; exponent <= 60 && !interrupted(); exponent += exponent < 40 ? 4 : 2)
+  for (int exponent = 0; exponent <= 60 && going_on(); exponent += exponent < 40 ? 4 : 2)
     ladder.push_back(rung(std::exp2(exponent), set));
   const auto column = [&](double Rung::*of) {
     std::vector<double> values;

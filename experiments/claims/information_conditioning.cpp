@@ -48,7 +48,7 @@ Findings measure(const Settings& set) {
   std::map<std::string, Ladder> errors;
   for (std::size_t rung = 0; 2 * rung <= static_cast<std::size_t>(set("decades")); ++rung) {
     const double k = std::pow(100., static_cast<double>(rung));
-    for (int f = 0; f < frames && !interrupted(); ++f) {
+    for (int f = 0; f < frames && going_on(); ++f) {
       const auto system = nearly_singular(random, k);
       for (const auto form : {Parametrisation::covariance, Parametrisation::root, Parametrisation::information}) {
         const auto problem = problem_of(system, form);

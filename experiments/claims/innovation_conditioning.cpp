@@ -64,7 +64,7 @@ template <class Draw>
 Rung medians(int frames, Draw draw) {
   std::vector<double> conditions;
   std::map<std::string, std::vector<double>> gains, covariances;
-  for (int f = 0; f < frames && !interrupted(); ++f) {
+  for (int f = 0; f < frames && going_on(); ++f) {
     const OneStep one = draw();
     conditions.push_back(one.condition);
     for (const auto& id : studied) {

@@ -42,7 +42,7 @@ Findings measure(const Settings& set) {
   Random random(static_cast<std::uint64_t>(set("seed")));
   Ladder joseph, textbook, rounded;
   double joseph_residual = 0, textbook_residual = 0, floor_ratio = 0;
-  for (int s = 0; s < systems && !interrupted(); ++s) {
+  for (int s = 0; s < systems && going_on(); ++s) {
     const ExactStep exact = exact_step(random, d);
     Matrix<double> direction = random_normal(random, d.n, d.p);
     direction *= exact.K.norm() / direction.norm();

@@ -59,7 +59,7 @@ Course course(const properties::System& system) {
       if (find_filter(id)->takes == form) (running[id] = make_filter<double>(id))->start(problem);
     const bool first = form == Parametrisation::covariance;
     looked = 0;
-    for (std::int64_t k = 0; k < system.steps && !interrupted(); ++k) {
+    for (std::int64_t k = 0; k < system.steps && going_on(); ++k) {
       truth.advance();
       // Every step at first, then one in fifty of what has passed.
       const bool look = k + 1 >= looked + std::max<std::int64_t>(1, looked / 50) || k + 1 == system.steps;

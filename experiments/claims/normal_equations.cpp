@@ -21,7 +21,7 @@ const std::vector<std::string> studied = {"information", "srif"};
 Findings measure(const Settings& set) {
   std::vector<double> inverse;
   std::map<std::string, std::vector<double>> error;
-  for (int j = 3; j <= 29 && !interrupted(); j += 2) {
+  for (int j = 3; j <= 29 && going_on(); j += 2) {
     const double d = std::exp2(-j);
     const Matrix<double> C{{1., 1., 1.}, {1., 1., 1 + d}}, I = Matrix<double>::Identity(3, 3);
     std::map<std::string, std::vector<double>> draws;

@@ -92,7 +92,7 @@ void random_systems(const Settings& set, Findings& findings) {
       "iterated, nothing fitted. The first of the random systems, two outputs; (iii), (iv), (v) are one map now.";
   figure.x = {"step k", false};
   figure.y = {"asymmetry, ||P - P'|| / 2 relative to ||P||", true};
-  for (int s = 0; s < systems && !interrupted(); ++s) {
+  for (int s = 0; s < systems && going_on(); ++s) {
     Random random(static_cast<std::uint64_t>(set("seed")) + static_cast<std::uint64_t>(s));
     const auto system = random_system(random, {n, 2, p}, 1.15, 1);
     auto problem = problem_of(system, Parametrisation::covariance);

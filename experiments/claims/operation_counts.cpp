@@ -183,7 +183,7 @@ Findings measure(const Settings& set) {
     return c[0] * std::pow(size, 3) + (c[1] * dm + c[2] * dp) * size * size + c[3] * size * dm * dp;
   };
   for (const Form& form : forms) {
-    if (interrupted()) break;
+    going_on();
     const auto coefficients = fitted(form);
     for (std::size_t i = 0; i < terms.size(); ++i)
       if (i < 3 || form.coefficients[i] > 0)

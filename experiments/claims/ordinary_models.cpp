@@ -37,7 +37,7 @@ Findings measure(const Settings& set) {
   std::vector<double> number;
   std::string names;
   for (const char* model : models) {
-    if (interrupted()) break;
+    going_on();
     properties::Overrides overrides;
     overrides.steps = steps;
     auto system = find_system(model, overrides);

@@ -53,7 +53,7 @@ Findings measure(const Settings& set) {
   std::map<std::string, Ladder> errors;
   std::size_t rung = 0;
   for (double decade = 0; decade <= set("decades"); decade += .5, ++rung)
-    for (int f = 0; f < frames && !interrupted(); ++f) {
+    for (int f = 0; f < frames && going_on(); ++f) {
       const Matrix<double> a = generic(random, 1), s = generic(random, 1), r = generic(random, std::pow(10., -decade));
       const auto system = system_of("scalar", a, Matrix<double>::Zero(1, 1), Matrix<double>::Identity(1, 1), r, s, 1);
       for (const auto form : {Parametrisation::covariance, Parametrisation::root}) {

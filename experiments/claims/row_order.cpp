@@ -44,7 +44,7 @@ double error(const Matrix<double>& T, const Matrix<double>& A_inverse, const Mat
 Findings measure(const Settings& set) {
   const Index n = 4, p = 2;
   std::vector<double> condition, lower, upper;
-  for (double k = 1; k <= 8 && !interrupted(); k += .5) {
+  for (double k = 1; k <= 8 && going_on(); k += .5) {
     // Q^{1/2} = [1 0; 1 e]: its inverse is exact.
     const double e = std::exp2(-std::round(k * std::log2(10.)));
     const Matrix<double> inverse_root{{1., 0.}, {-1 / e, 1 / e}};

@@ -45,7 +45,7 @@ Findings measure(const Settings& set) {
   for (int i = 0; i < static_cast<int>(set("draws")); ++i) priors.push_back(root_of_prior(random));
   std::map<std::string, Ladder> errors;
   std::size_t rung = 0;
-  for (int j = 4; j <= 52 && !interrupted(); j += 2, ++rung)
+  for (int j = 4; j <= 52 && going_on(); j += 2, ++rung)
     for (const auto& S0 : priors) {
       const double d = std::exp2(-j);
       auto ids = scalar;

@@ -54,7 +54,7 @@ Findings measure(const Settings& set) {
   std::map<std::string, Ladder> errors;
   std::size_t rung = 0;
   for (int j = 4; j <= static_cast<int>(set("finest")); j += 2, ++rung)
-    for (int f = 0; f < frames && !interrupted(); ++f) {
+    for (int f = 0; f < frames && going_on(); ++f) {
       const auto [system, measured] = draw(random, std::exp2(-j));
       const Vector<double> y = measured.col(0);
       for (const auto form : {Parametrisation::covariance, Parametrisation::root, Parametrisation::information}) {

@@ -80,7 +80,7 @@ Findings measure(const Settings& set) {
   auto chandrasekhar = measured_points("csrf", "csrf, K", "csrf");
   double csrf_ratio = NaN;
   std::vector<double> conditions;  // of P, for each q
-  for (int exponent = 8; exponent <= finest && !interrupted(); exponent += 2) {
+  for (int exponent = 8; exponent <= finest && going_on(); exponent += 2) {
     const auto what = integrator(exponent);
     conditions.push_back(properties::Precise(what.limit.P).condition());
     for (const Metadata* filter : forgetful_filters()) {
@@ -109,7 +109,7 @@ Findings measure(const Settings& set) {
   }
   // One run's last bits decide where between two powers of ten its level is: many runs, each at its own q.
   std::vector<double> amplifications, levels;
-  for (double exponent = 8; exponent <= finest && !interrupted(); exponent += .125) {
+  for (double exponent = 8; exponent <= finest && going_on(); exponent += .125) {
     const auto what = integrator(exponent);
     amplifications.push_back(what.amplification);
     levels.push_back(level(*find_filter("srcf"), what));

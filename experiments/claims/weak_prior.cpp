@@ -44,7 +44,7 @@ Findings measure(const Settings& set) {
   Ladder information;
   std::map<std::string, double> kept, kept_as_written;  // runs with priors from 2^56 on in which P stays definite
   double runs = 0;
-  for (int exponent = 0; exponent <= 80 && !interrupted(); exponent += 4) {
+  for (int exponent = 0; exponent <= 80 && going_on(); exponent += 4) {
     const std::size_t rung = priors.size();
     priors.push_back(std::exp2(exponent));
     for (const auto& frame : drawn) {

@@ -5,12 +5,15 @@
 
 #include <algorithm>
 #include <cmath>
+#include <csignal>
+#include <cstdlib>
 #include <map>
 #include <string>
 #include <vector>
 
 #include <gtest/gtest.h>
 
+#include <kfstab/experiments/interruption.hpp>
 #include <kfstab/filters/kernels.hpp>
 
 using namespace kfstab::experiments;
@@ -57,6 +60,24 @@ INSTANTIATE_TEST_SUITE_P(
     });
 
 }  // namespace
+
+/// Every claim, interrupted at its first step, in a process of its own: the request stays for ever.
+TEST(ClaimsDeathTest, InterruptedAreNotJudged) {
+  const auto interrupted_claims = [] {
+    watch_for_interruption();
+    std::raise(SIGINT);
+    bool good = true;
+    for (const Claim& claim : all_claims()) {
+      try {
+        run_claim(claim, {}, Effort::quick);
+        good = false;
+      } catch (const Interrupted&) {
+      }
+    }
+    std::_Exit(good && run_claims(all_claims(), {}, Effort::quick, 1, [] {}).empty() ? 0 : 1);
+  };
+  EXPECT_EXIT(interrupted_claims(), ::testing::ExitedWithCode(0), "");
+}
 
 // Experiments are made with the plain text, and what they find must not hang on it.
 TEST(Claims, DoNotDependOnTheKernels) {
