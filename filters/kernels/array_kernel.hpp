@@ -679,6 +679,7 @@ KFSTAB_INLINE void apply_panel(const Panel& panel, const Strips& X, Index count,
 KFSTAB_INLINE void load_strip(const Layout& layout, const Source& X, Index row, Index high, Index first, Index last,
                               Index band, const Strips& to) {
   Index k = first;
+  high = least(high, width);
   const Index end = high <= 0 ? k : least(last, row + band + high);  // zeros behind it
   if (layout.transposed)
     for (; k + width <= end; k += width) {

@@ -162,6 +162,27 @@ TEST(Kernels, AreBackwardStableAsThePlainTextIs) {
   }
 }
 
+// What is above the diagonal of a root is not read, whatever it is: numbers, of which a kernel that reads them makes others.
+TEST(Kernels, ReadTheLowerTrianglesAlone) {
+  for (const Dimensions& d : {Dimensions{6, 2, 41}, Dimensions{6, 41, 2}, Dimensions{41, 2, 3}, Dimensions{3, 2, 4}})
+    for (const std::string& isa : all_kernels()) {
+      const WithKernels with(isa);
+      Dice dice(5);
+      RootModel<double> model = random_model(dice, d);
+      Matrix<double> S0 = dice.lower_root(d.n);
+      KernelResult results[2];
+      for (const double above : {0., 7.}) {
+        for (Matrix<double>* root : {&model.Q_root, &model.R_root, &S0})
+          for (Index j = 0; j < root->cols(); ++j)
+            for (Index i = 0; i < j; ++i) (*root)(i, j) = above;
+        results[above != 0] = one_step<Srcf>(model, S0);
+      }
+      EXPECT_EQ(results[0].factor, results[1].factor) << isa << ' ' << text(d);
+      EXPECT_EQ(results[0].innovation_root, results[1].innovation_root) << isa << ' ' << text(d);
+      EXPECT_EQ(results[0].gain, results[1].gain) << isa << ' ' << text(d);
+    }
+}
+
 template <int N, int M, int P>
 void fixed_is_dynamic() {
   for (std::uint64_t seed = 1; seed <= 5; ++seed) {
