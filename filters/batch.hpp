@@ -192,9 +192,8 @@ class Batch {
   /// @param wanted  ConventionalFilter makes its gain and rcond always
   void step(bool with_data = false, Wanted wanted = Wanted::all) {
     if (covariance_root && wanted == Wanted::factor) with_data = false;
-    const bool has_gain = conventional || wanted == Wanted::all || wanted == Wanted::gain ||
-                          (covariance_root && wanted != Wanted::factor),
-               has_rcond = conventional || (wanted != Wanted::factor && wanted != Wanted::gain);
+    const bool has_gain = conventional || (information ? wants_gain(wanted) : wanted != Wanted::factor),
+               has_rcond = conventional || wants_rcond(wanted);
     run_kernel(with_data, has_gain, has_rcond);
     for (Index i = 0; i < count(); ++i) {
       if (gave_up_[static_cast<std::size_t>(i / 8)] >> i % 8 & 1) {

@@ -110,8 +110,11 @@ Maybe batch_of(const System& s, bool gain) {
     batch->set_model(i, model);
     batch->set_data(i, y);
   }
+  const auto wanted = gain                 ? kfstab::Wanted::all
+                      : Batch::information ? kfstab::Wanted::state
+                                           : kfstab::Wanted::factor;
   return Contender{[=] {
-                     batch->step(Batch::information, gain ? kfstab::Wanted::all : kfstab::Wanted::factor);
+                     batch->step(Batch::information, wanted);
                      return static_cast<bool>(batch->report(0));
                    },
                    [=] {

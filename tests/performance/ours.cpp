@@ -156,8 +156,11 @@ Maybe batch_of(kfstab::Parametrisation parametrisation, const System& system, bo
     batch->set_model(i, problem.models[0]);
     batch->set_data(i, y);
   }
+  const auto wanted = gain                 ? kfstab::Wanted::all
+                      : Batch::information ? kfstab::Wanted::state
+                                           : kfstab::Wanted::factor;
   return Contender{[=] {
-                     batch->step(Batch::information, gain ? kfstab::Wanted::all : kfstab::Wanted::factor);
+                     batch->step(Batch::information, wanted);
                      return static_cast<bool>(batch->report(0));
                    },
                    [=] {
