@@ -99,7 +99,8 @@ class HessenbergSquareRootInformationFilter {
     }
     S rcond = std::numeric_limits<S>::quiet_NaN();
     if (all_by_kernel(model, y != nullptr, wanted, rcond)) {
-      if (!is_regular_information_root(next_, wanted, rcond, tolerance_)) return blame(Status::singular_information, rcond, model, next, y, u);
+      if (!is_regular_information_root(next_, wanted, rcond, tolerance_))
+        return blame(Status::singular_information, rcond, model, next, y, u);
       accept(y != nullptr, wants_gain(wanted));
       return {Status::ok, rcond};
     }
