@@ -124,8 +124,8 @@ Findings measure(const Settings& set) {
   figure.id = "steady-state-level";
   figure.title = "The slower a filter forgets, the higher the floor of its error";
   figure.caption =
-      "Where does the error of P settle, if a filter forgets ever more slowly? Double integrator with process noise "
-      "q = 2^-8 (left) to 2^-20 (right); worst relative error of the last 200 steps of a run that is long enough to "
+      "Where does the error of P settle, if a filter forgets ever more slowly? Double integrator with process noise from "
+      "q = 2^-8 (left) down (right); worst relative error of the last 200 steps of a run that is long enough to "
       "forget its start. Dashed: the level at which rounding of size u a step settles, and 20 times that. Above it "
       "are the Chandrasekhar filter, which forgets no error (drawn to 2^-16), and the condensed information filter, "
       "which mixes the large and the small entries of P^-1.";
@@ -152,7 +152,7 @@ Claim claim() {
               "filter, which may lose k(P) more.",
           .source = "derived here, after Verhaegen and Van Dooren (1986), theory (4.4)",
           .setup =
-              "A = [1 .5; 0 1], B = q [.125; .5], C = [1 0], Q = R = 1, P0 = I, q = 2^-8 ... 2^-20, 45 / (1 - "
+              "A = [1 .5; 0 1], B = q [.125; .5], C = [1 0], Q = R = 1, P0 = I, q = 2^-8 ... 2^-22, 45 / (1 - "
               "rho(F)) steps, the worst error of P in the last 200, against the stabilising solution of the Riccati "
               "equation.",
           .prediction =
@@ -162,7 +162,7 @@ Claim claim() {
           .meaning =
               "A filter with little process noise is slow to forget: expect its floor higher by 1 / (1 - rho(F)^2), "
               "whatever the form. More process noise lowers it.",
-          .parameters = {{"finest", 20, "least process noise q, as a power of 1/2", 16, 24}},
+          .parameters = {{"finest", 22, "least process noise q, as a power of 1/2", 16, 24}},
           .measure = measure,
           .mathematics =
               "W_{k+1} = F_k W_k F_k' + delta_k I,  W_0 = 0,  -W_k <= dP_k <= W_k\n"

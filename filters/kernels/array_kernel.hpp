@@ -7,8 +7,8 @@
 /// ArrayStep by vectors: rows of the array lie side by side in the lanes, and a column of a strip of rows is one vector.
 ///
 /// A reflector that annihilates row j of [head, X], head (a vector) being the column of the pivot, is H = I + d u u' with
-/// u = (pivot; x_j), x_j being row j of X, and d = 1 / (beta pivot), beta = -+|(alpha; x_j)|, pivot = alpha - beta. One pass
-/// over the columns k of X,
+/// u = (pivot; x_j), x_j being row j of X, d = -2 / u'u, beta = -+|(alpha; x_j)|, pivot = alpha - beta. One pass over the columns
+/// k of X,
 ///
 ///     w += X_k x_jk,
 ///
@@ -37,9 +37,10 @@ KFSTAB_INLINE Reflector reflector(double alpha, double square, bool& ok, Zero&& 
     return {alpha, 0, 0};
   }
   if (square == 0) return {alpha, 0, 0};
-  // d of the rounded pivot: -1 / (|alpha| norm + norm2) would be known sooner, but H less orthogonal by up to 2.
+  // d = -2 / u'u of the rounded pivot: H is orthogonal but for the rounding of d. 1 / (beta pivot), the same on paper, knows as well how
+  // the root was rounded; -1 / (|alpha| norm + norm2), which would be known sooner, not even how the pivot was.
   const double beta = -__builtin_copysign(root(norm2), alpha), pivot = alpha - beta;
-  return {beta, pivot, 1 / (beta * pivot)};
+  return {beta, pivot, -2 / fma(pivot, pivot, square)};
 }
 
 /// Entry k of U x, or of x if there is no U.
@@ -58,6 +59,10 @@ KFSTAB_INLINE double entry_of_Ux(const ArrayStep& step, Index k) {
 
 // ---- small: the whole array in registers, or near them, one reflector after the other ----
 
+/// Whether B Q stands before A S: where rows of A S end early. Elsewhere it is behind: in S, and so in A S, columns often are the
+/// smaller the further they are to the right, and reflectors keep small columns right as long as the pivots are in large ones.
+KFSTAB_INLINE bool noise_first(const ArrayStep& step) { return step.A_band < step.n; }
+
 /// The sizes of a step: known when it is compiled, or not.
 template <Index N, Index M, Index P, bool has_last_, bool transposed_>
 struct FixedSizes {
@@ -65,6 +70,9 @@ struct FixedSizes {
   static constexpr Constant<N> n{};
   static constexpr Constant<M> m{};
   static constexpr Constant<P> p{};
+  /// Where A S begins in [A S, B Q], and B Q.
+  static constexpr Constant<0> at_S{};
+  static constexpr Constant<N> at_Q{};
   /// The columns of the pre-array in which a row is annihilated: those of C S, or of [A S, B Q] right of the diagonal.
   template <Index Row>
   KFSTAB_INLINE static constexpr auto first_column(Constant<Row>) {
@@ -83,9 +91,18 @@ struct FixedSizes {
 struct RunTimeSizes {
   static constexpr bool known = false;
   bool has_last, transposed;
-  Index n, m, p;
-  KFSTAB_INLINE Index first_column(Index row) const { return row < p ? 0 : row - p + 1; }
-  KFSTAB_INLINE Index end_column(Index row) const { return row < p ? n : n + m; }
+  Index n, m, p, A_band, C_band;
+  Index at_S, at_Q;
+
+  KFSTAB_INLINE explicit RunTimeSizes(const ArrayStep& step)
+      : has_last(step.x), transposed(step.transposed), n(step.n), m(step.m), p(step.p), A_band(step.A_band),
+        C_band(step.C_band), at_S(noise_first(step) ? m : 0), at_Q(noise_first(step) ? 0 : n) {}
+  KFSTAB_INLINE Index first_column(Index row) const { return row < p ? at_S : row - p + 1; }
+  /// The rows of A S end where all rows above them do, or behind them: A's band is no narrower than what C's reflectors fill in.
+  KFSTAB_INLINE Index end_column(Index row) const {
+    if (row >= p && at_S == 0) return n + m;
+    return at_S + least(n, (row < p ? row + C_band : row - p + A_band) + 1);
+  }
   static constexpr Index most_columns = 48, most_heads = 4 * width, most_states = 4 * width, most_noises = 1,
                          most_rows_of_gain = 1;
 };
@@ -190,7 +207,7 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
   const auto rows = p + n;  // without the last one
   const Layout layout{size.transposed};
 
-  // Columns [C S, 0; A S, B Q], and a column [Re; G] for each pivot of the first p rows.
+  // Columns [C S, 0; A S, B Q], or in the other order, and a column [Re; G] for each pivot of the first p rows.
   V X[Sizes::most_columns][vectors], head[Sizes::most_heads][vectors];
   double Ux[Sizes::most_states];
   if (size.has_last) each(zero, n, [&](auto k) KFSTAB_INLINED { Ux[k] = entry_of_Ux(step, k); });
@@ -244,24 +261,42 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
       });
     });
   };
-  // X_j := sum over k >= j of X_k L(k, j), of the columns from `first` on
-  const auto multiply_by_lower = [&](auto first, auto size_of_L, const Source& L) KFSTAB_INLINED {
+  // X_j := sum over k >= j of X_k L(k, j), of the columns from `first` on. Vector v is zero from column ends[v] on.
+  const auto multiply_by_lower = [&](auto first, auto size_of_L, const Source& L, const Index(&ends)[vectors]) KFSTAB_INLINED {
     each(zero, size_of_L, [&](auto j) KFSTAB_INLINED {
       V sum[vectors];
       const V diagonal = splat(*layout.at(L, j, j));
       each(zero, all, [&](auto v) KFSTAB_INLINED { sum[v] = X[first + j][v] * diagonal; });
-      each(j + one, size_of_L, [&](auto k) KFSTAB_INLINED {
-        const V l = splat(*layout.at(L, k, j));
-        each(zero, all, [&](auto v) KFSTAB_INLINED { sum[v] = fma(X[first + k][v], l, sum[v]); });
-      });
+      const auto add = [&](auto k_first, auto k_end, auto from) KFSTAB_INLINED {
+        each(k_first, k_end, [&](auto k) KFSTAB_INLINED {
+          const V l = splat(*layout.at(L, k, j));
+          each(from, all, [&](auto v) KFSTAB_INLINED { sum[v] = fma(X[first + k][v], l, sum[v]); });
+        });
+      };
+      if constexpr (Sizes::known) {
+        add(j + one, size_of_L, zero);
+      } else {
+        Index done = j + 1;
+        each(zero, all, [&](auto v) KFSTAB_INLINED {
+          add(done, ends[v], v);
+          done = greatest(done, ends[v]);
+        });
+      }
       each(zero, all, [&](auto v) KFSTAB_INLINED { X[first + j][v] = sum[v]; });
     });
   };
   const Index C_band = Sizes::known ? Index(n) : step.C_band, A_band = Sizes::known ? Index(n) : step.A_band;
-  load_columns(X, n, step.C, C_band, step.A, A_band, Ux);
-  multiply_by_lower(zero, n, step.S);
-  load_columns(X + n, m, {}, 0, step.B, n + m, step.y);
-  if (step.Q.data) multiply_by_lower(n, m, step.Q);
+  Index ends[vectors];
+  each(zero, all, [&](auto v) KFSTAB_INLINED {
+    const Index last = (v + 1) * width - 1;  // row
+    const Index of_C = v * width < p ? least(last, p - 1) + C_band + 1 : 0, of_A = last >= p ? last - p + A_band + 1 : 0;
+    ends[v] = size.has_last && last >= rows ? Index(n) : least(greatest(of_C, of_A), n);
+  });
+  load_columns(X + size.at_S, n, step.C, C_band, step.A, A_band, Ux);
+  multiply_by_lower(size.at_S, n, step.S, ends);
+  load_columns(X + size.at_Q, m, {}, 0, step.B, n + m, step.y);
+  each(zero, all, [&](auto v) KFSTAB_INLINED { ends[v] = m; });
+  if (step.Q.data) multiply_by_lower(size.at_Q, m, step.Q, ends);
   load_columns(head, p, step.R, 0, {}, 0, step.z);
 
   // Of an information filter's gain the right-hand sides: rows in lanes, and one more for the state. Where sizes are not known
@@ -300,7 +335,7 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
       load_gain(Q, t, m, step.Q, 0);
       each(zero, n, [&](auto k) KFSTAB_INLINED {
         V sum{};
-        each(zero, m, [&](auto i) KFSTAB_INLINED { sum = fma(Q[i], entry(X[n + i], p + k), sum); });
+        each(zero, m, [&](auto i) KFSTAB_INLINED { sum = fma(Q[i], entry(X[size.at_Q + i], p + k), sum); });
         gain[t * n + k] = sum;
       });
     });
@@ -593,8 +628,10 @@ struct Panel {
 
 /// Makes the first `rows` reflectors of a strip and does them to it.
 /// @param head  the pivots' columns    @param X  `count` columns. within: the heads are the first of them
-template <bool within>
-KFSTAB_INLINE bool factor_panel(V* head, V* X, Index count, Index rows, Panel& panel) {
+/// @param meanwhile  called once for each reflector, where the processor has nothing to do but to wait for its root and its
+///   division
+template <bool within, class Meanwhile>
+KFSTAB_INLINE bool factor_panel(V* head, V* X, Index count, Index rows, Panel& panel, Meanwhile&& meanwhile) {
   bool ok = true;
   constexpr Constant<4> chains{};  // sums, so that none waits for the addition before
   V w[chains] = {};
@@ -614,6 +651,7 @@ KFSTAB_INLINE bool factor_panel(V* head, V* X, Index count, Index rows, Panel& p
       for (Index k = first; k < count; ++k) none = none && X[k][J] == 0;
       return none;
     });
+    meanwhile();
     const V pivot = splat(is.pivot), d = splat(is.d);
     const V product = fma(head[J], pivot, sum) * d;  // d u_i'u_J in the lanes i before J, f in those behind
     V column{};
@@ -632,47 +670,111 @@ KFSTAB_INLINE bool factor_panel(V* head, V* X, Index count, Index rows, Panel& p
   return ok;
 }
 
-/// Does the first Q reflectors of a panel to R strips: their heads, Q columns, and their columns that the panel has in X.
-template <bool within, Index R, Index Q = width>
-KFSTAB_INLINE void apply_panel(const Panel& panel, const Strips& X, Index count, const Strips& head, const Strips& to) {
-  constexpr Constant<Q> all{};
-  constexpr Constant<R> strips{};
-  const auto* u = reinterpret_cast<const double*>(panel.head);
-  const auto* t = reinterpret_cast<const double*>(panel.t);
-  V z[R][Q] = {};
-  const auto each_head_entry = [&](auto f) KFSTAB_INLINED {  // of U: diagonal, or upper triangular
+/// What doing the first Q reflectors of a panel to R strips takes, Z (I + U T U'), in pieces: Z U, of the heads and of the
+/// columns that the panel has in X; that times T; and what becomes of the heads and of the columns.
+template <bool within, Index R, Index Q>
+struct Application {
+  const Panel* panel;
+  Strips X;
+  Index count;
+  Strips head, to;  ///< of the R strips: their heads, Q columns, and their columns that the panel has in X
+  V z[R][Q];
+
+  static constexpr Constant<Q> all{};
+  static constexpr Constant<R> strips{};
+
+  KFSTAB_INLINE void begin() {
+    each(zero, all, [&](auto q) KFSTAB_INLINED { each(zero, strips, [&](auto i) KFSTAB_INLINED { z[i][q] = V{}; }); });
+    each_head_entry([&](auto k, auto q, V entry_q) KFSTAB_INLINED {
+      each(zero, strips, [&](auto i) KFSTAB_INLINED { z[i][q] = fma(head(i, k), entry_q, z[i][q]); });
+    });
+  }
+  /// Columns first ... last - 1.
+  KFSTAB_INLINE void add(Index first, Index last) {
+    V sum[R][Q];  // not in memory
+    each(zero, all, [&](auto q) KFSTAB_INLINED { each(zero, strips, [&](auto i) KFSTAB_INLINED { sum[i][q] = z[i][q]; }); });
+    for (Index k = first; k < last; ++k) add_outer<R>(sum, to, k, X.entries(k));
+    each(zero, all, [&](auto q) KFSTAB_INLINED { each(zero, strips, [&](auto i) KFSTAB_INLINED { z[i][q] = sum[i][q]; }); });
+  }
+  KFSTAB_INLINE void turn() {
+    const auto* t = reinterpret_cast<const double*>(panel->t);
+    each(zero, all, [&](auto last) KFSTAB_INLINED {
+      constexpr Constant<Q - 1 - decltype(last)::value> q{};
+      const V diagonal = splat(t[q * width + q]);
+      each(zero, strips, [&](auto i) KFSTAB_INLINED { z[i][q] *= diagonal; });
+      each(zero, q, [&](auto before) KFSTAB_INLINED {
+        const V entry_t = splat(t[q * width + before]);
+        each(zero, strips, [&](auto i) KFSTAB_INLINED { z[i][q] = fma(z[i][before], entry_t, z[i][q]); });
+      });
+    });
+    each_head_entry([&](auto k, auto q, V entry_q) KFSTAB_INLINED {
+      each(zero, strips, [&](auto i) KFSTAB_INLINED { head(i, k) = fma(z[i][q], entry_q, head(i, k)); });
+    });
+  }
+  KFSTAB_INLINE void subtract(Index first, Index last) {
+    V f[R][Q];  // not in memory
+    each(zero, all, [&](auto q) KFSTAB_INLINED { each(zero, strips, [&](auto i) KFSTAB_INLINED { f[i][q] = z[i][q]; }); });
+    for (Index k = first; k < last; ++k) {
+      const double* x = X.entries(k);
+      V column[R];
+      each(zero, strips, [&](auto i) KFSTAB_INLINED { column[i] = to(i, k); });
+      each(zero, all, [&](auto q) KFSTAB_INLINED {
+        const V entry_q = splat(x[q]);
+        each(zero, strips, [&](auto i) KFSTAB_INLINED { column[i] = fma(f[i][q], entry_q, column[i]); });
+      });
+      each(zero, strips, [&](auto i) KFSTAB_INLINED { to(i, k) = column[i]; });
+    }
+  }
+
+ private:
+  template <class F>
+  KFSTAB_INLINE void each_head_entry(F&& f) const {  // of U: diagonal, or upper triangular
+    const auto* u = reinterpret_cast<const double*>(panel->head);
     each(zero, all, [&](auto k) KFSTAB_INLINED {
       if constexpr (within) each(zero, k, [&](auto q) KFSTAB_INLINED { f(k, q, splat(u[k * width + q])); });
       f(k, k, splat(u[k * width + k]));
     });
-  };
-  each_head_entry([&](auto k, auto q, V entry_q) KFSTAB_INLINED {
-    each(zero, strips, [&](auto i) KFSTAB_INLINED { z[i][q] = fma(head(i, k), entry_q, z[i][q]); });
-  });
-  for (Index k = 0; k < count; ++k) add_outer<R>(z, to, k, X.entries(k));
-  each(zero, all, [&](auto last) KFSTAB_INLINED {
-    constexpr Constant<Q - 1 - decltype(last)::value> q{};
-    const V diagonal = splat(t[q * width + q]);
-    each(zero, strips, [&](auto i) KFSTAB_INLINED { z[i][q] *= diagonal; });
-    each(zero, q, [&](auto before) KFSTAB_INLINED {
-      const V entry_t = splat(t[q * width + before]);
-      each(zero, strips, [&](auto i) KFSTAB_INLINED { z[i][q] = fma(z[i][before], entry_t, z[i][q]); });
-    });
-  });
-  each_head_entry([&](auto k, auto q, V entry_q) KFSTAB_INLINED {
-    each(zero, strips, [&](auto i) KFSTAB_INLINED { head(i, k) = fma(z[i][q], entry_q, head(i, k)); });
-  });
-  for (Index k = 0; k < count; ++k) {
-    const double* x = X.entries(k);
-    V column[R];
-    each(zero, strips, [&](auto i) KFSTAB_INLINED { column[i] = to(i, k); });
-    each(zero, all, [&](auto q) KFSTAB_INLINED {
-      const V entry_q = splat(x[q]);
-      each(zero, strips, [&](auto i) KFSTAB_INLINED { column[i] = fma(z[i][q], entry_q, column[i]); });
-    });
-    each(zero, strips, [&](auto i) KFSTAB_INLINED { to(i, k) = column[i]; });
   }
+};
+
+/// All of it at once.
+template <bool within, Index R, Index Q = width>
+KFSTAB_INLINE void apply_panel(const Panel& panel, const Strips& X, Index count, const Strips& head, const Strips& to) {
+  Application<within, R, Q> application{&panel, X, count, head, to, {}};
+  application.begin();
+  application.add(0, count);
+  application.turn();
+  application.subtract(0, count);
 }
+
+/// One strip to which a panel is still to be done: that is done while the reflectors of the next panel are waited for.
+template <bool within>
+struct Pending {
+  Application<within, 1, width> application;
+  Index done = 0, all = 0;  ///< columns, each to be added and subtracted
+
+  KFSTAB_INLINE void begin(const Panel& panel, const Strips& X, Index count, const Strips& head, const Strips& to) {
+    application = {&panel, X, count, head, to, {}};
+    done = 0;
+    all = 2 * count;
+    application.begin();
+  }
+  __attribute__((noinline)) void advance(Index columns) {
+    const Index count = application.count, last = least(done + columns, all);
+    if (done >= last) return;
+    if (done < count) {
+      application.add(done, least(last, count));
+      if (last < count) {
+        done = last;
+        return;
+      }
+      application.turn();
+      done = count;
+    }
+    application.subtract(done - count, last - count);
+    done = last;
+  }
+};
 
 /// Columns first ... last - 1 of a strip: rows `row` ... `row` + high - 1 of X, X(i, j) = 0 for j > i + band, which is not read but
 /// where a row is read whole. What is stored row by row is transposed in the registers.
@@ -729,9 +831,9 @@ KFSTAB_INLINE V store_tile(const Layout& layout, const Target& X, Index row, Ind
 
 /// What there is in the workspace. The strips of the array are first those of C, filled up with zeros, then those of A.
 struct Places {
-  Strips X, head;  ///< columns [B Q, A S], as the Hessenberg forms want it, and the heads [Re; G] apart
+  Strips X, head;  ///< columns [A S, B Q] or [B Q, A S], and the heads [Re; G] apart
   V* packed;       ///< a packed triangle, and what is made of it
-  Strips gain;     ///< of an information filter: Kf', and the state as one more row
+  Strips gain;     ///< of an information filter: Kf'
 
   KFSTAB_INLINE explicit Places(const ArrayStep& step) {
     const Index n = step.n, m = step.m, p = step.p;
@@ -769,51 +871,67 @@ KFSTAB_INLINE Strips small_BQ(const ArrayStep& step, const Places& at) {
   return BQ;
 }
 
-/// Strips of U', if there is one, in the place of X.
+/// Strips of U', in the place of [B Q, A S], which nobody needs any more.
 KFSTAB_INLINE Strips strips_of_Ut(const ArrayStep& step, const Places& at) {
   const Strips Ut{at.X.column, step.n};
-  if (step.U_transposed.data)
-    load_strips({false}, step.U_transposed, step.n, step.n, 2 * step.n, strips_of(step.n), Ut);
+  load_strips({false}, step.U_transposed, step.n, step.n, 2 * step.n, strips_of(step.n), Ut);
   return Ut;
 }
 
+/// x_next, of S+ packed. Returns x - x for it.
+__attribute__((noinline)) inline V information_state(const ArrayStep& step, const V* S, V* x) {
+  const Index n = step.n;
+  const auto part = [&](const double* from, Index v)
+                        KFSTAB_INLINED { return load(from + v * width, 1, 0, least(n - v * width, width)); };
+  for (Index v = 0; v < strips_of(n); ++v) x[v] = part(step.xi, v);
+  divide_row(x, S, n);
+  V difference{};
+  each_group(0, strips_of(n), most_strips, [&](auto R, Index v) KFSTAB_INLINED {
+    V result[decltype(R)::value] = {};
+    if (step.U_transposed.data)
+      for (Index k = 0; k < n; ++k) {
+        const V x_k = splat(reinterpret_cast<const double*>(x)[k]);
+        each(zero, R, [&](auto i) KFSTAB_INLINED {
+          result[i] = fma(part(step.U_transposed.data + k * step.U_transposed.leading, v + i), x_k, result[i]);
+        });
+      }
+    else
+      each(zero, R, [&](auto i) KFSTAB_INLINED { result[i] = x[v + i]; });
+    each(zero, R, [&](auto i) KFSTAB_INLINED {
+      difference += result[i] - result[i];
+      const Index first = (v + i) * width;
+      store(step.x_next + first, 1, 0, least(n - first, width), result[i]);
+    });
+  });
+  return difference;
+}
+
 /// What an information filter wants to know of S+, which is stored; at.gain is prepared. Returns x - x for all results.
-__attribute__((noinline)) inline V information_results(const ArrayStep& step, const Places& at, const Strips& Ut) {
+__attribute__((noinline)) inline V information_results(const ArrayStep& step, const Places& at) {
   V difference{};
   if (!step.Kf.data && !step.x_next && !step.rcond_of_T) return difference;
   const Layout layout{step.transposed};
-  const Index n = step.n;
+  const Index n = step.n, m = step.m;
+  V* const beside = at.packed + packed_size(n);
   pack_lower(layout, {step.S_next.data, step.S_next.leading}, n, at.packed);
-  if (step.rcond_of_T) *step.rcond_of_T = reciprocal_condition(at.packed, n, true, at.packed + packed_size(n));
-  // The state joins the rows of the gain for the second solve.
-  const Index rows = step.Kf.data ? step.m : 0, all_rows = rows + (step.x_next != nullptr);
-  each_group(0, strips_of(rows), most_strips, [&](auto R, Index s) KFSTAB_INLINED {
+  if (step.rcond_of_T) *step.rcond_of_T = reciprocal_condition(at.packed, n, true, beside);
+  if (step.x_next) difference += information_state(step, at.packed, beside);
+  if (!step.Kf.data) return difference;
+  each_group(0, strips_of(m), most_strips, [&](auto R, Index s) KFSTAB_INLINED {
     divide_strips_transposed<decltype(R)::value>(at.gain.at(s, 0), at.packed, n);
-  });
-  if (step.x_next)
-    for (Index k = 0; k < n; ++k) {
-      V& column = at.gain(rows / width, k);
-      column = with_lane(rows % width, rows % width == 0 ? V{} : column, splat(step.xi[k]));
-    }
-  each_group(0, strips_of(all_rows), most_strips, [&](auto R, Index s) KFSTAB_INLINED {
     divide_strips<decltype(R)::value>(at.gain.at(s, 0), at.packed, n);
   });
   Strips results = at.gain;
   if (step.U_transposed.data) {
     results = {at.packed, n};
-    multiply<Part::all>(results, at.gain, 0, strips_of(all_rows), Ut, n, n);
+    multiply<Part::all>(results, at.gain, 0, strips_of(m), strips_of_Ut(step, at), n, n);
   }
-  for (Index s = 0; s < strips_of(rows); ++s)
+  for (Index s = 0; s < strips_of(m); ++s)
     for (Index k = 0; k < n; ++k) {
-      const Index row = s * width, high = least(rows - row, width);
+      const Index row = s * width, high = least(m - row, width);
       const V column = in_lanes(0, high, results(s, k));
       difference += column - column;
       store(layout.at(step.Kf, row, k), layout.stride(step.Kf), 0, high, column);
-    }
-  if (step.x_next)
-    for (Index k = 0; k < n; ++k) {
-      step.x_next[k] = results(rows / width, k)[rows % width];
-      difference += splat(step.x_next[k] - step.x_next[k]);
     }
   return difference;
 }
@@ -827,20 +945,20 @@ inline bool large_array_step(const ArrayStep& step) {
   const Index heads = C_strips * width, last_strip = C_strips + n / width, last_lane = n % width;
 
   const Places at(step);
-  const Strips X = at.X, head = at.head, AS = X.at(0, m);
+  const Strips X = at.X, head = at.head, AS = X.at(0, noise_first(step) ? m : 0), BQ = X.at(0, noise_first(step) ? 0 : n);
   V* const packed = at.packed;
 
   load_strips(layout, step.C, p, n, step.C_band, C_strips, AS);
   load_strips(layout, step.A, n, n, step.A_band, strips - C_strips, AS.at(C_strips, 0));
-  load_strips(layout, {}, 0, m, 0, C_strips, X);
-  load_strips(layout, step.B, n, m, n + m, strips - C_strips, X.at(C_strips, 0));
+  load_strips(layout, {}, 0, m, 0, C_strips, BQ);
+  load_strips(layout, step.B, n, m, n + m, strips - C_strips, BQ.at(C_strips, 0));
   load_strips(layout, step.R, p, p, 0, C_strips, head);
   for (Index s = 0; s < C_strips; ++s)
     for (Index k = p; k < heads; ++k) head(s, k) = V{};
   load_strips(layout, {}, 0, heads, 0, strips - C_strips, head.at(C_strips, 0));
   if (has_last) {
     for (Index k = 0; k < n; ++k) AS(last_strip, k)[last_lane] = entry_of_Ux(step, k);
-    for (Index k = 0; k < m; ++k) X(last_strip, k)[last_lane] = step.y[k];
+    for (Index k = 0; k < m; ++k) BQ(last_strip, k)[last_lane] = step.y[k];
     for (Index k = 0; k < p; ++k) head(last_strip, k)[last_lane] = step.z[k];
   }
 
@@ -857,15 +975,16 @@ inline bool large_array_step(const ArrayStep& step) {
   if (step.Q.data) {
     pack_lower(layout, step.Q, m, packed);
     each_group(C_strips, strips, most_strips,
-               [&](auto R, Index s) KFSTAB_INLINED { multiply_strips<decltype(R)::value>(X.at(s, 0), packed, m, m); });
+               [&](auto R, Index s) KFSTAB_INLINED { multiply_strips<decltype(R)::value>(BQ.at(s, 0), packed, m, m); });
   }
-  if (step.Kf.data) prepare_gain(step, at, X.at(C_strips, 0));
+  if (step.Kf.data) prepare_gain(step, at, BQ.at(C_strips, 0));
 
   bool ok = true;
-  Panel panel;
+  Panel panels[2];
   for (Index s = 0; s < C_strips && ok; ++s) {
     const Index row = s * width, count = least(n, row + width + step.C_band);
-    ok = factor_panel<false>(&head(s, row), &AS(s, 0), count, least(p - row, width), panel);
+    Panel& panel = panels[0];
+    ok = factor_panel<false>(&head(s, row), &AS(s, 0), count, least(p - row, width), panel, []() KFSTAB_INLINED {});
     const auto apply = [&](auto Q) KFSTAB_INLINED {
       each_group(s + 1, strips, most_strips, [&](auto R, Index t) KFSTAB_INLINED {
         apply_panel<false, decltype(R)::value, decltype(Q)::value>(panel, AS.at(s, 0), count, head.at(t, row), AS.at(t, 0));
@@ -876,15 +995,24 @@ inline bool large_array_step(const ArrayStep& step) {
     else
       apply(Constant<width / 2>{});
   }
+  Pending<true> pending;
   for (Index s = C_strips; s < strips && ok; ++s) {
     const Index row = (s - C_strips) * width, rows = least(n - row, width);
-    const Index count = least(columns - row, width + m + step.A_band);
+    const Index count = least(columns - row, noise_first(step) ? width + m + step.A_band : columns);
     if (rows <= 0) break;
-    ok = factor_panel<true>(&X(s, row), &X(s, row), count, rows, panel);
-    each_group(s + 1, strips, most_strips, [&](auto R, Index t) KFSTAB_INLINED {
+    Panel& panel = panels[s % 2];
+    const Index share = (pending.all + width - 1) / width;
+    ok = factor_panel<true>(&X(s, row), &X(s, row), count, rows, panel,
+                            [&]() KFSTAB_INLINED { pending.advance(share); });
+    pending.advance(pending.all);
+    // Of the strips below the last one is left to the next panel, which does not need it.
+    const Index now = s + 2 < strips ? strips - 1 : strips;
+    each_group(s + 1, now, most_strips, [&](auto R, Index t) KFSTAB_INLINED {
       apply_panel<true, decltype(R)::value>(panel, X.at(s, row + width), count - width, X.at(t, row),
                                             X.at(t, row + width));
     });
+    pending.all = 0;
+    if (now < strips) pending.begin(panel, X.at(s, row + width), count - width, X.at(now, row), X.at(now, row + width));
   }
   if (!ok) return false;
 
@@ -914,7 +1042,6 @@ inline bool large_array_step(const ArrayStep& step) {
     }
   }
 
-  const Strips Ut = strips_of_Ut(step, at);  // in the place of [B Q, A S], which nobody needs any more
   if (step.K.data || step.rcond_of_Re) pack_lower(layout, {step.Re.data, step.Re.leading}, p, packed);
   if (step.rcond_of_Re) *step.rcond_of_Re = reciprocal_condition(packed, p, false, packed + packed_size(p));
   if (step.K.data) {
@@ -922,6 +1049,7 @@ inline bool large_array_step(const ArrayStep& step) {
       each_group(C_strips, strips_of(n) + C_strips, most_strips,
                  [&](auto R, Index s) KFSTAB_INLINED { divide_strips<decltype(R)::value>(head.at(s, 0), packed, p); });
     if (step.U_transposed.data) {
+      const Strips Ut = strips_of_Ut(step, at);
       const auto K_entries = [&](Index k, Index j)
                                  KFSTAB_INLINED { return head.at(C_strips + k / width, j).entries(0) + k % width; };
       each_group(0, strips_of(n), most_strips, [&](auto R, Index s) KFSTAB_INLINED {
@@ -942,18 +1070,18 @@ inline bool large_array_step(const ArrayStep& step) {
           put(step.K, row, j, 0, least(n - row, width), head(C_strips + row / width, j));
     }
   }
-  difference += information_results(step, at, Ut);
+  difference += information_results(step, at);
   return all_zero(difference);
 }
 
 template <Index vectors>
 __attribute__((noinline)) inline bool run_time_array_step(const ArrayStep& step) {
-  if (!small_array_step<vectors>(RunTimeSizes{step.x != nullptr, step.transposed, step.n, step.m, step.p}, step))
+  if (!small_array_step<vectors>(RunTimeSizes(step), step))
     return false;
   if (!step.Kf.data && !step.x_next && !step.rcond_of_T) return true;
   const Places at(step);
   if (step.Kf.data) prepare_gain(step, at, small_BQ(step, at));
-  return all_zero(information_results(step, at, strips_of_Ut(step, at)));
+  return all_zero(information_results(step, at));
 }
 
 /// For sizes that are known at run time. False: it gave up, and what it was to write is undefined.

@@ -25,13 +25,13 @@ KFSTAB_INLINE LaneReflectors<V> lane_reflectors(V alpha, V square, Lanes& bad, S
   if constexpr (!exact) {
     bad |= unsafe;
     const V pivot = alpha - opposite;
-    return {opposite, pivot, 1 / (opposite * pivot)};
+    return {opposite, pivot, -2 / fma(pivot, pivot, square)};
   } else {
     if (any(unsafe)) [[unlikely]]
       bad |= unsafe & some();
     const Lanes idle = unsafe | (square == 0);
     const V beta = idle ? alpha : opposite, pivot = alpha - beta;
-    return {beta, pivot, idle ? V{} : 1 / (beta * pivot)};
+    return {beta, pivot, idle ? V{} : -2 / fma(pivot, pivot, square)};
   }
 }
 template <bool exact, class Some>

@@ -5,9 +5,9 @@
 #ifdef KFSTAB_KERNELS
 
 /// The reciprocal condition number of a packed triangle L in the 1-norm, or of its transpose: what
-/// reciprocal_condition_triangular of linear_solve.hpp computes. Solves are of as many right-hand sides as a vector has lanes, and
-/// one takes as long as all of them. So up to some order L^{-1} itself costs less than the half dozen solves, one after the
-/// other, that an estimate takes, and its norm is no estimate.
+/// reciprocal_condition_triangular of linear_solve.hpp computes. In a solve every entry waits for those before it. So up to some
+/// order L^{-1} itself costs less than the half dozen solves, one after the other, that an estimate takes, and its norm is no
+/// estimate.
 namespace kfstab::kernels::KFSTAB_KERNELS {
 
 inline constexpr Index greatest_inverse = 8 * width;
@@ -18,13 +18,6 @@ KFSTAB_INLINE V larger(V x, V most) { return ((x > most) | (x != x)) ? x : most;
 KFSTAB_INLINE double larger(double x, double most) { return x > most || x != x ? x : most; }
 KFSTAB_INLINE double largest_lane(V x) {
   return fold_lanes(x, [](V a, V b) KFSTAB_INLINED { return larger(b, a); }, AllLanes{})[0];
-}
-/// In lane l the sum of the lanes of x[l].
-KFSTAB_INLINE V sums_of_lanes(V (&x)[width]) {
-  transpose(x);
-  V sum = x[0];
-  for (Index l = 1; l < width; ++l) sum += x[l];
-  return sum;
 }
 
 /// Largest sum of absolute values of a column of L, or of a row: |L|, |L'|.
@@ -89,61 +82,65 @@ KFSTAB_INLINE double norm_of_inverse(const V* L, Index K, bool transposed, V* wo
   return largest_lane(most);
 }
 
-/// An estimate of the same from below, as reciprocal_condition of linear_solve.hpp makes it: the vectors are row 0 of a strip.
-/// The alternating one is row 1 in the first solve. work: 2 K vectors
+/// An estimate of the same from below, as reciprocal_condition of linear_solve.hpp makes it. work: 3 strips_of(K) vectors
 __attribute__((noinline)) inline double estimate_of_inverse(const V* L, Index K, bool transposed, V* work) {
-  const Strips x{work, K}, sign{work + K, K};
-  const auto solve = [&](bool other) KFSTAB_INLINED {  // x := M^{-1} x; other: M'^{-1} x, M = L or L'
+  const Index vectors = strips_of(K);
+  V *const x = work, *const sign = work + vectors, *const alternating = work + 2 * vectors;
+  const auto solve = [&](V* y, bool other) KFSTAB_INLINED {  // y := M^{-1} y; other: M'^{-1} y, M = L or L'
     if (transposed != other)
-      divide_strips<1>(x, L, K);
+      divide_row(y, L, K);
     else
-      divide_strips_transposed<1>(x, L, K);
+      divide_row_transposed(y, L, K);
   };
-  const auto sum = [&](Index row) KFSTAB_INLINED {
-    double s = 0;
-    for (Index k = 0; k < K; ++k) s += x(0, k)[row] < 0 ? -x(0, k)[row] : x(0, k)[row];
-    return s;
+  const auto sum = [&](const V* y) KFSTAB_INLINED {
+    V s{};
+    for (Index v = 0; v < vectors; ++v) s += magnitude(y[v]);
+    return sum_of_lanes(s);
   };
   const auto signs = [&]() KFSTAB_INLINED {
     bool same = true;
-    for (Index k = 0; k < K; ++k) {
-      const V s = x(0, k) < 0 ? splat(-1) : splat(1);
-      same = same && s[0] == sign(0, k)[0];
-      sign(0, k) = s;
+    for (Index v = 0; v < vectors; ++v) {
+      const V s = x[v] < 0 ? splat(-1) : splat(1);
+      same = same && all_zero(s - sign[v]);
+      sign[v] = s;
     }
     return same;
   };
+  const auto size = [&](Index k) KFSTAB_INLINED { return magnitude(splat(x[k / width][k % width]))[0]; };
   const auto largest = [&]() KFSTAB_INLINED {
     Index at = 0;
     for (Index k = 1; k < K; ++k)
-      if (magnitude(x(0, k))[0] > magnitude(x(0, at))[0]) at = k;
+      if (size(k) > size(at)) at = k;
     return at;
   };
-  for (Index k = 0; k < K; ++k) {
-    const double size = 1 + static_cast<double>(k) / static_cast<double>(K - 1);
-    x(0, k) = with_lane(0, with_lane(1, V{}, splat(k % 2 ? -size : size)), splat(1 / static_cast<double>(K)));
-    sign(0, k) = V{};
+  for (Index v = 0; v < vectors; ++v) {
+    x[v] = splat(1 / static_cast<double>(K));
+    for (Index l = 0; l < width; ++l) {
+      const Index k = v * width + l;
+      const double grown = 1 + static_cast<double>(k) / static_cast<double>(K - 1);
+      alternating[v][l] = k % 2 ? -grown : grown;
+    }
   }
-  solve(false);
-  double estimate = sum(0);
-  const double alternative = 2 * sum(1) / static_cast<double>(3 * K);
+  solve(alternating, false);
+  solve(x, false);
+  double estimate = sum(x);
   signs();
-  for (Index k = 0; k < K; ++k) x(0, k) = sign(0, k);
-  solve(true);
+  for (Index v = 0; v < vectors; ++v) x[v] = sign[v];
+  solve(x, true);
   Index at = largest();
   for (int round = 0; round < 5; ++round) {
-    for (Index k = 0; k < K; ++k) x(0, k) = k == at ? splat(1) : V{};
-    solve(false);
-    const double before = estimate, now = sum(0);
+    for (Index v = 0; v < vectors; ++v) x[v] = lane_numbers == at - v * width ? splat(1) : V{};
+    solve(x, false);
+    const double before = estimate, now = sum(x);
     estimate = larger(now, estimate);
     if (signs() || !(now > before)) break;
-    for (Index k = 0; k < K; ++k) x(0, k) = sign(0, k);
-    solve(true);
+    for (Index v = 0; v < vectors; ++v) x[v] = sign[v];
+    solve(x, true);
     const Index next = largest();
-    if (!(magnitude(x(0, next))[0] > magnitude(x(0, at))[0])) break;
+    if (!(size(next) > size(at))) break;
     at = next;
   }
-  return larger(alternative, estimate);
+  return larger(2 * sum(alternating) / static_cast<double>(3 * K), estimate);
 }
 
 /// 1 for K = 0; 0 where L is singular to the point of overflow.

@@ -193,6 +193,65 @@ KFSTAB_INLINE void divide_strips_transposed(const Strips& x, const V* L, Index K
   }
 }
 
+/// In lane l the sum of the lanes of x[l].
+KFSTAB_INLINE V sums_of_lanes(V (&x)[width]) {
+  transpose(x);
+  V sum = x[0];
+  for (Index l = 1; l < width; ++l) sum += x[l];
+  return sum;
+}
+
+/// x := x L^{-1} for one row x of K numbers, which are in the lanes; L packed. What is behind them becomes zero.
+KFSTAB_INLINE void divide_row(V* x, const V* L, Index K) {
+  const auto* entries = reinterpret_cast<const double*>(x);
+  for (Index j = (K - 1) / width * width; j >= 0; j -= width) {
+    const V* block = L + packed_block(K, j);
+    const auto* l = reinterpret_cast<const double*>(block);  // entry (j + k, j + q) is l[k width + q]
+    V sum[4] = {}, left, done{};
+    Index k = j + width;
+    for (; k + 4 <= K; k += 4)
+      each(zero, Constant<4>{}, [&](auto c) KFSTAB_INLINED { sum[c] = fma(block[k + c - j], splat(entries[k + c]), sum[c]); });
+    for (; k < K; ++k) sum[0] = fma(block[k - j], splat(entries[k]), sum[0]);
+    left = x[j / width] - ((sum[0] + sum[1]) + (sum[2] + sum[3]));
+    each(zero, Constant<width>{}, [&](auto last) KFSTAB_INLINED {
+      constexpr Constant<width - 1 - decltype(last)::value> q{};
+      if (j + q >= K) return;
+      const V entry_q = lane<q>(left) * splat(1 / l[q * width + q]);
+      done = with_lane(q, done, entry_q);
+      left = fma(-entry_q, block[q], left);
+    });
+    x[j / width] = done;
+  }
+}
+
+/// x := x L'^{-1}, likewise.
+KFSTAB_INLINE void divide_row_transposed(V* x, const V* L, Index K) {
+  for (Index j = 0; j < K; j += width) {
+    const auto products_of_rows = [&](auto rows) KFSTAB_INLINED {
+      V sum[width] = {};
+      for (Index before = 0; before < j; before += width) {
+        const V* row = L + packed_block(K, before) + (j - before);
+        each(zero, rows, [&](auto q) KFSTAB_INLINED { sum[q] = fma(row[q], x[before / width], sum[q]); });
+      }
+      return sums_of_lanes(sum);
+    };
+    const V* block = L + packed_block(K, j);
+    const auto* l = reinterpret_cast<const double*>(block);
+    const Index rows = least(K - j, width);
+    V left = x[j / width] - (rows == width ? products_of_rows(Constant<width>{}) : products_of_rows(rows)), done{};
+    V columns[width];
+    each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED { columns[q] = q < rows ? block[q] : V{}; });
+    transpose(columns);
+    each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
+      if (q >= rows) return;
+      const V entry_q = lane<q>(left) * splat(1 / l[q * width + q]);
+      done = with_lane(q, done, entry_q);
+      left = fma(-entry_q, columns[q], left);
+    });
+    x[j / width] = done;
+  }
+}
+
 /// f of all lanes, two and two, in each.
 template <Index half = width / 2, class F, Index... L>
 KFSTAB_INLINE V fold_lanes(V x, F&& f, LaneList<L...> lanes) {

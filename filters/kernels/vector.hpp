@@ -61,6 +61,14 @@ KFSTAB_INLINE V fma(V a, V b, V c) {
 #endif
 }
 
+KFSTAB_INLINE double fma(double a, double b, double c) {
+#if defined(__FMA__) || defined(__aarch64__)
+  return __builtin_fma(a, b, c);
+#else
+  return a * b + c;
+#endif
+}
+
 KFSTAB_INLINE double root(double x) { return __builtin_sqrt(x); }
 
 KFSTAB_INLINE V root(V x) {

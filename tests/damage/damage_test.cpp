@@ -17,6 +17,8 @@
 #include "damage/filters.hpp"
 #include "damage/reference.hpp"
 #include "experiments/claims.hpp"
+#include "filters/in_batch.hpp"
+#include "filters/with_kernels.hpp"
 
 using namespace kfstab;
 using experiments::Effort;
@@ -30,6 +32,8 @@ enum class Fault {
   none,
   /// None either, but in the classes of this test.
   none_rewritten,
+  /// None either, but ckf, srcf and srif are filters of a batch.
+  none_in_a_batch,
   gram_schmidt,
   symmetrised,
   without_cosine,
@@ -66,6 +70,8 @@ std::unique_ptr<AnyFilter<double>> make_filter(std::string_view id) {
     return make(std::type_identity<damage::ArrayFilter<damage::GramSchmidt>>{});
   if (id == "ckf-gain" && fault == Fault::none_rewritten) return make(std::type_identity<damage::Coding3<false>>{});
   if (id == "ckf-gain" && fault == Fault::symmetrised) return make(std::type_identity<damage::Coding3<true>>{});
+  if (fault == Fault::none_in_a_batch)
+    if (auto filter = test::in_batch(id)) return filter;
   return right::make_filter(id);
 }
 
@@ -115,6 +121,12 @@ void expect_turned(Fault which, const std::vector<std::string>& claims) {
 
 TEST(Damage, NoneTurnsNoVerdict) {
   for (const auto& [claim, why] : turned_by(Fault::none_rewritten)) ADD_FAILURE() << claim << "\n" << why;
+}
+
+// What the ledger says of a filter is true of many at once, too.
+TEST(Damage, NoneInABatchTurnsNoVerdict) {
+  const test::WithKernels fastest(test::all_kernels().back());
+  for (const auto& [claim, why] : turned_by(Fault::none_in_a_batch)) ADD_FAILURE() << claim << "\n" << why;
 }
 
 TEST(Damage, GramSchmidtForHouseholderInTheSquareRootFilter) {

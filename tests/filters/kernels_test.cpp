@@ -18,6 +18,7 @@
 #include <kfstab/filters/square_root_information.hpp>
 
 #include "filters/fixed_kernels.hpp"
+#include "filters/in_batch.hpp"
 #include "filters/random_problem.hpp"
 #include "filters/with_kernels.hpp"
 #include "tolerance.hpp"
@@ -159,6 +160,53 @@ TEST(Kernels, AreBackwardStableAsThePlainTextIs) {
       // reflector of another sign may make some: a rounding of one product is 1/(n + m + p).
       EXPECT_LE(mean, 2 * means.front() + 1.0 / static_cast<double>(d.n + d.m + d.p)) << isa << ' ' << text(d);
     }
+  }
+}
+
+/// log10 of S's determinant squared.
+long double log_determinant(const Matrix<double>& S) {
+  long double sum = 0;
+  for (Index i = 0; i < S.rows(); ++i) sum += 2 * std::log10(std::abs(static_cast<long double>(S(i, i))));
+  return sum;
+}
+
+// Standard deviations from 1 down to 1e-18: without process noise, det A = 1, det P+ is det P / Re, and right as long as every
+// column of the root is right for itself. Reflectors see to that if the large columns come first: errors of a column, some
+// (n + m + p) u of it, are seen in the determinant of what is left when columns are scaled, well conditioned here.
+TEST(Kernels, KeepWhatIsSmallRight) {
+  for (const Index n : {3, 12, 20, 40}) {
+    const Dimensions d{n, 2, 1};
+    Dice dice(9);
+    Problem<RootModel<double>> problem;
+    RootModel<double>& model = problem.models.emplace_back();
+    model.A.setIdentity(n, n);
+    for (Index j = 1; j < n; ++j) model.A(j - 1, j) = .5;
+    model.B.setZero(n, d.m);
+    model.C.setZero(d.p, n);
+    model.C(0, 0) = 1;
+    model.D.resize(n, 0);
+    model.Q_root.setIdentity(d.m, d.m);
+    model.R_root.setIdentity(d.p, d.p);
+    problem.x0.setZero(n);
+    problem.initial.setZero(n, n);
+    const Matrix<double> mixed = dice.matrix(n, n, 16);
+    for (Index j = 0; j < n; ++j)
+      for (Index i = j; i < n; ++i)
+        problem.initial(i, j) = std::pow(10, -18.0 * static_cast<double>(j) / static_cast<double>(n - 1)) *
+                                (i == j ? 1 : mixed(i, j) / static_cast<double>(n));
+    const long double exact = log_determinant(problem.initial) - std::log10(2.0L);  // Re = 1 + 1
+    const AnyProblem<double> any = problem;
+    for (const std::string& isa : all_kernels())
+      for (const bool batch : {false, true}) {
+        const WithKernels with(isa);
+        const auto filter = batch ? in_batch("srcf") : make_filter<double>("srcf");
+        filter->start(any);
+        const auto step = filter->step(0, nullptr, nullptr);
+        ASSERT_EQ(step.report.status, Status::ok);
+        EXPECT_NEAR(static_cast<double>(log_determinant(*step.held) - exact), 0,
+                    threshold * 0x1p-53 * static_cast<double>(n * (n + d.m + d.p)))
+            << isa << (batch ? " batch" : "") << " n=" << n;
+      }
   }
 }
 

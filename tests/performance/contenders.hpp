@@ -58,6 +58,8 @@ Maybe eigen_textbook_fixed(const System& system);
 /// X Y of order 256 by SLICOT's BLAS.
 constexpr int dgemm_order = 256;
 Maybe dgemm();
+/// As many multiply-adds, of vectors that stay in registers and wait for nothing: what this processor can do at all.
+Contender multiply_adds();
 
 /// SLICOT's BLAS: its file, and the kernels that it chose; what is missing if there is none.
 std::string blas();

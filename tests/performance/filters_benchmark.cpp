@@ -228,12 +228,12 @@ void compare(const Case& c, const std::vector<Column>& columns) {
   }
 }
 
-/// Of each column the microseconds for one step of one filter, round by round, in which all take turns; dgemm's last.
-std::vector<std::vector<double>> rounds_of(std::vector<Column>& columns, const Maybe& limit) {
+/// Of each column the microseconds for one step of one filter, round by round, in which all take turns; the limits' last.
+std::vector<std::vector<double>> rounds_of(const std::vector<Column>& columns, const std::vector<Contender>& limits) {
   constexpr double seconds_of_a_turn = 0.001, seconds_of_all_turns = 0.3;
   std::vector<const Contender*> all;
   for (const Column& column : columns) all.push_back(&column.contender);
-  if (limit) all.push_back(&*limit);
+  for (const Contender& limit : limits) all.push_back(&limit);
   std::vector<int> times;
   double slowest = 0;
   for (const Contender* contender : all) {
@@ -253,12 +253,14 @@ std::vector<std::vector<double>> rounds_of(std::vector<Column>& columns, const M
 struct Row {
   const Case* of;
   std::string peer, kernel;
-  std::vector<double> ours{}, peers{}, ratios{}, shares{};  // one a run
+  std::vector<double> ours{}, peers{}, ratios{}, shares{}, processor_shares{};  // one a run
 
   double ours_us() const { return median(ours); }
   double peer_us() const { return median(peers); }
   double ratio() const { return median(ratios); }
+  /// Of what DGEMM does, and of what the processor can do at all.
   double share() const { return shares.empty() ? std::nan("") : median(shares); }
+  double processor_share() const { return median(processor_shares); }
 };
 
 using Rows = std::vector<Row>;
@@ -268,18 +270,20 @@ void measure(const Case& c, Rows& rows) {
   const System system = system_of(c.shape);
   std::vector<Column> columns = columns_of(c, system);
   compare(c, columns);
-  const Maybe limit = dgemm();
-  const auto rounds = rounds_of(columns, limit);
+  std::vector<Contender> limits{multiply_adds()};
+  if (const Maybe blas = dgemm()) limits.push_back(*blas);
+  const auto rounds = rounds_of(columns, limits);
   const double operations = c.routine->operations(c.shape.n, c.shape.m, c.shape.p);
   const double cube = std::pow(dgemm_order, 3);
   for (std::size_t i = 0; i < columns.size(); ++i) {
     if (!columns[i].ours) continue;
     for (std::size_t j = 0; j < columns.size(); ++j) {
       if (columns[j].ours || (!columns[j].kernel.empty() && columns[j].kernel != columns[i].kernel)) continue;
-      std::vector<double> ratios, shares;
+      std::vector<double> ratios, of_limits[2];
       for (std::size_t k = 0; k < rounds[i].size(); ++k) {
         ratios.push_back(rounds[j][k] / rounds[i][k]);
-        if (limit) shares.push_back((operations / rounds[i][k]) / (cube / rounds.back()[k]));
+        for (std::size_t l = 0; l < limits.size(); ++l)
+          of_limits[l].push_back((operations / rounds[i][k]) / (cube / rounds[columns.size() + l][k]));
       }
       auto row = std::ranges::find_if(
           rows, [&](const Row& r) { return r.of == &c && r.peer == columns[j].name && r.kernel == columns[i].kernel; });
@@ -287,7 +291,8 @@ void measure(const Case& c, Rows& rows) {
       row->ours.push_back(median(rounds[i]));
       row->peers.push_back(median(rounds[j]));
       row->ratios.push_back(median(ratios));
-      if (limit) row->shares.push_back(median(shares));
+      row->processor_shares.push_back(median(of_limits[0]));
+      if (limits.size() > 1) row->shares.push_back(median(of_limits[1]));
     }
   }
 }
@@ -397,9 +402,10 @@ constexpr std::array targets = {
 
 kfstab::reports::Table targets_table(const Rows& rows) {
   kfstab::reports::Table table;
-  table.header = {"against SLICOT", "wanted", "measured, at its least", "at n", "wanted is reached to"};
+  table.header = {"against SLICOT",       "wanted",           "measured, at its least", "at n, m",
+                  "wanted is reached to", "at DGEMM's speed", "at the processor's"};
   using enum kfstab::reports::Alignment;
-  table.alignment = {left, right, right, right, right};
+  table.alignment = {left, right, right, right, right, right, right};
   for (const Target& target : targets) {
     const Row* least = nullptr;
     double value = INFINITY;
@@ -416,8 +422,9 @@ kfstab::reports::Table targets_table(const Rows& rows) {
     if (least)
       table.rows.push_back(
           {target.what, kfstab::reports::short_number(target.wanted), number(value),
-           fmt::format("{}", least->of->shape.n),
-           value >= target.wanted ? "100 %, met" : fmt::format("{:.0f} %", 100 * value / target.wanted)});
+           fmt::format("{}, {}", least->of->shape.n, least->of->shape.m),
+           value >= target.wanted ? "100 %, met" : fmt::format("{:.0f} %", 100 * value / target.wanted),
+           number(value / least->share()), number(value / least->processor_share())});
   }
   return table;
 }
@@ -518,7 +525,8 @@ std::string json_of(const Rows& rows) {
                             {"ours_us", value(row.ours_us())},
                             {"peer_us", value(row.peer_us())},
                             {"ratio", value(row.ratio())},
-                            {"dgemm_share", value(row.share())}});
+                            {"dgemm_share", value(row.share())},
+                            {"processor_share", value(row.processor_share())}});
   }
   return json.dump(1) + "\n";
 }

@@ -161,6 +161,20 @@ Maybe ours_fixed(const std::string& filter, const System& system, bool gain) {
   }
 }
 
+Contender multiply_adds() {
+  return {[] {
+    namespace k = kfstab::kernels::KFSTAB_KERNELS;
+    constexpr int chains = 12, times = dgemm_order * dgemm_order * dgemm_order / (k::width * chains);
+    k::V sums[chains] = {}, x = k::splat(1);
+    for (int i = 0; i < times; ++i)
+      k::each(k::zero, k::Constant<chains>{}, [&](auto c) KFSTAB_INLINED {
+        sums[c] = k::fma(x, x, sums[c]);
+        asm volatile("" : "+x"(sums[c]));  // as if it were of use
+      });
+    return true;
+  }};
+}
+
 Maybe ours_batch_fixed(const std::string& filter, const System& system, bool gain) {
   const auto [n, m, p] = system.shape;
   if (m != n / 2 || p != n / 2) return std::nullopt;

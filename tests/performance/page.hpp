@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <map>
 #include <string>
 
 namespace performance {
@@ -20,12 +21,18 @@ inline bool put_between_markers(const std::filesystem::path& page, const std::st
   return true;
 }
 
-/// The model's name of the machine's processor.
+/// The machine's processor: its name, with family and model where the system has them. One name may be that of processors which
+/// are not alike.
 inline std::string processor() {
   std::ifstream info("/proc/cpuinfo");
-  for (std::string line; std::getline(info, line);)
-    if (line.starts_with("model name")) return line.substr(line.find(':') + 2);
-  return "an unknown processor";
+  std::map<std::string, std::string> said;
+  for (std::string line; std::getline(info, line) && !line.empty();)
+    if (const auto colon = line.find(':'); colon != std::string::npos && colon + 2 <= line.size())
+      said[line.substr(0, line.find_last_not_of(" \t", colon - 1) + 1)] = line.substr(colon + 2);
+  if (!said.contains("model name")) return "an unknown processor";
+  std::string name = said["model name"];
+  if (said.contains("cpu family")) name += " (family " + said["cpu family"] + ", model " + said["model"] + ")";
+  return name;
 }
 
 }  // namespace performance

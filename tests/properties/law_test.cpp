@@ -14,6 +14,7 @@
 #include <kfstab/filters/registry.hpp>
 #include <kfstab/properties/check.hpp>
 
+#include "filters/in_batch.hpp"
 #include "systems.hpp"
 
 namespace kfstab::properties::testing {
@@ -36,39 +37,43 @@ std::string words(const LawOutcome& outcome) {
                      outcome.failure->shrinks, outcome.failure->finding.what, write_system(outcome.failure->system));
 }
 
-class EveryFilter : public ::testing::TestWithParam<Metadata> {
- protected:
-  /// Draws systems, and shows the smallest on which a law does not hold.
-  void expect_lawful(const CheckOptions& options, int most_refused) {
-    const Metadata& metadata = GetParam();
-    const CheckReport report = check(*built_in(metadata.id), options);
-    for (const LawOutcome& outcome : report.laws) {
-      RecordProperty(std::string(outcome.law.id), std::to_string(outcome.max_ratio));
-      EXPECT_TRUE(outcome.holds()) << words(outcome);
-    }
-    // A sixth of all systems each has a singular A, Q or P0, a quarter changes with time: such are not even drawn for a filter
-    // that they are not for. What is left is singular by chance.
-    EXPECT_LE(report.not_sent, options.cases / 20);
-    EXPECT_LT(report.refused, most_refused);
+/// Draws systems, and shows the smallest on which a law does not hold.
+void expect_lawful(Subject& subject, const CheckOptions& options, int most_refused) {
+  const CheckReport report = check(subject, options);
+  for (const LawOutcome& outcome : report.laws) {
+    ::testing::Test::RecordProperty(std::string(outcome.law.id), std::to_string(outcome.max_ratio));
+    EXPECT_TRUE(outcome.holds()) << words(outcome);
   }
-};
+  // A sixth of all systems each has a singular A, Q or P0, a quarter changes with time: such are not even drawn for a filter
+  // that they are not for. What is left is singular by chance.
+  EXPECT_LE(report.not_sent, options.cases / 20);
+  EXPECT_LT(report.refused, most_refused);
+}
 
-TEST_P(EveryFilter, ObeysEveryLaw) {
+void expect_lawful(Subject& subject) {
   CheckOptions options;
   options.cases = 1000;
   // Nine systems in ten say something, also of the form that squares condition numbers.
-  expect_lawful(options, options.cases / 10);
+  expect_lawful(subject, options, options.cases / 10);
 }
 
 // Breaking no law is no matter of luck: the condition numbers in the tolerances are what they should be.
-TEST_P(EveryFilter, ObeysEveryLawOnIllConditionedSystems) {
+void expect_lawful_on_ill_conditioned_systems(Subject& subject) {
   CheckOptions options;
   options.cases = 200;
   options.systems.n.most = options.systems.m.most = options.systems.p.most = 4;
   options.systems.most_steps = 25;
   options.systems.worst_condition = 1e14;
   // Rungs up to 1e14, squared where normal equations are formed, are beyond 1/u: there it is right to decline.
-  expect_lawful(options, options.cases / 4);
+  expect_lawful(subject, options, options.cases / 4);
+}
+
+class EveryFilter : public ::testing::TestWithParam<Metadata> {};
+
+TEST_P(EveryFilter, ObeysEveryLaw) { expect_lawful(*built_in(GetParam().id)); }
+
+TEST_P(EveryFilter, ObeysEveryLawOnIllConditionedSystems) {
+  expect_lawful_on_ill_conditioned_systems(*built_in(GetParam().id));
 }
 
 INSTANTIATE_TEST_SUITE_P(Registry, EveryFilter, ::testing::ValuesIn(filters().begin(), filters().end()),
@@ -77,6 +82,18 @@ INSTANTIATE_TEST_SUITE_P(Registry, EveryFilter, ::testing::ValuesIn(filters().be
                            std::ranges::replace(name, '-', '_');
                            return name;
                          });
+
+class FilterInABatch : public ::testing::TestWithParam<std::string> {
+ protected:
+  std::unique_ptr<Subject> subject_ = built_in(test::in_batch(GetParam()));
+};
+
+TEST_P(FilterInABatch, ObeysEveryLaw) { expect_lawful(*subject_); }
+
+TEST_P(FilterInABatch, ObeysEveryLawOnIllConditionedSystems) { expect_lawful_on_ill_conditioned_systems(*subject_); }
+
+INSTANTIATE_TEST_SUITE_P(Forms, FilterInABatch, ::testing::Values("ckf", "srcf", "srif"),
+                         [](const auto& parameter) { return parameter.param; });
 
 // --- filters with a mistake ------------------------------------------------------------------------------------------------
 
