@@ -290,7 +290,7 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
   each(zero, all, [&](auto v) KFSTAB_INLINED {
     const Index last = (v + 1) * width - 1;  // row
     const Index of_C = v * width < p ? least(last, p - 1) + C_band + 1 : 0, of_A = last >= p ? last - p + A_band + 1 : 0;
-    ends[v] = size.has_last && last >= rows ? Index(n) : least(greatest(of_C, of_A), n);
+    ends[v] = least(greatest(of_C, of_A), n);  // n where the last row is
   });
   load_columns(X + size.at_S, n, step.C, C_band, step.A, A_band, Ux);
   multiply_by_lower(size.at_S, n, step.S, ends);
@@ -1001,10 +1001,9 @@ inline bool large_array_step(const ArrayStep& step) {
     const Index count = least(columns - row, noise_first(step) ? width + m + step.A_band : columns);
     if (rows <= 0) break;
     Panel& panel = panels[s % 2];
-    const Index share = (pending.all + width - 1) / width;
+    const Index share = (pending.all + width - 1) / width;  // of each reflector; a panel with fewer is the last, and has none
     ok = factor_panel<true>(&X(s, row), &X(s, row), count, rows, panel,
                             [&]() KFSTAB_INLINED { pending.advance(share); });
-    pending.advance(pending.all);
     // Of the strips below the last one is left to the next panel, which does not need it.
     const Index now = s + 2 < strips ? strips - 1 : strips;
     each_group(s + 1, now, most_strips, [&](auto R, Index t) KFSTAB_INLINED {

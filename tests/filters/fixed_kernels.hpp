@@ -17,7 +17,12 @@ struct FixedKernels {
   /// n = 3, m = 1, p = 2 of the others.
   void (*batch_array)(const kernels::BatchArrayStep&);
   void (*batch_covariance)(const kernels::BatchCovarianceStep&);
+  /// x := x L^{-1}, or x L'^{-1}, K numbers, L stored column by column, K at most most_divided; and |L^{-1}| in the 1-norm, or
+  /// |L'^{-1}|, by estimate.
+  void (*divide_row)(double* x, const double* L, kernels::Index K, bool transposed);
+  double (*estimate_of_inverse)(const double* L, kernels::Index K, bool transposed);
 };
+inline constexpr kernels::Index most_divided = 40;
 
 #if defined(__x86_64__)
 extern const FixedKernels fixed_sse2, fixed_avx2, fixed_avx512;

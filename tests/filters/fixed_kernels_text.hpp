@@ -8,6 +8,7 @@
 namespace kfstab::test::KFSTAB_KERNELS {
 
 using namespace kernels::KFSTAB_KERNELS;
+using kernels::Index;
 
 inline bool fixed_array(const kernels::ArrayStep& step) {
   if constexpr (width == 8)
@@ -29,9 +30,28 @@ inline void fixed_batch_covariance(const kernels::BatchCovarianceStep& step) {
   step.n == 2 ? fixed_batch_covariance_step<2, 1, 1>(step) : fixed_batch_covariance_step<N, M, P>(step);
 }
 
+struct PackedTriangle {
+  V rows[packed_size(most_divided)];
+  PackedTriangle(const double* L, Index K) { pack_lower({false}, {L, K}, K, rows); }
+};
+
+inline void divide_one_row(double* x, const double* L, Index K, bool transposed) {
+  const PackedTriangle packed(L, K);
+  V row[strips_of(most_divided)] = {};
+  for (Index k = 0; k < K; ++k) row[k / width][k % width] = x[k];
+  transposed ? divide_row_transposed(row, packed.rows, K) : divide_row(row, packed.rows, K);
+  for (Index k = 0; k < K; ++k) x[k] = row[k / width][k % width];
+}
+
+inline double estimate(const double* L, Index K, bool transposed) {
+  const PackedTriangle packed(L, K);
+  V work[3 * strips_of(most_divided)];
+  return estimate_of_inverse(packed.rows, K, transposed, work);
+}
+
 #define KFSTAB_NAME_OF(isa) #isa
 #define KFSTAB_NAME(isa) KFSTAB_NAME_OF(isa)
 inline constexpr FixedKernels fixed = {KFSTAB_NAME(KFSTAB_KERNELS), width, fixed_array, fixed_batch_array,
-                                       fixed_batch_covariance};
+                                       fixed_batch_covariance, divide_one_row, estimate};
 
 }  // namespace kfstab::test::KFSTAB_KERNELS

@@ -30,15 +30,17 @@ class InBatch {
     start_all(initial, x0);
   }
 
-  StepReport<double> step(const Model& model, const Vector<double>* y, const Vector<double>* input) requires(!information) {
+  StepReport<double> step(const Model& model, const Vector<double>* y, const Vector<double>* input, Wanted wanted = Wanted::all)
+    requires(!information)
+  {
     for (Index i = 0; i < count; ++i) batch_.set_model(i, i == singular ? without_R(model) : model);
-    return step_all(model.D, y, input);
+    return step_all(model.D, y, input, wanted);
   }
   StepReport<double> step(const Model& model, const Model& next, const Vector<double>* y, const Vector<double>* input)
     requires(information)
   {
     for (Index i = 0; i < count; ++i) batch_.set_model(i, model, next);
-    return step_all(model.D, y, input);
+    return step_all(model.D, y, input, Wanted::all);
   }
   /// A batch begins with step, and so this is done by one filter alone.
   StepReport<double> measurement_update(const Model& model, const Vector<double>* y) requires(information) {
@@ -54,6 +56,7 @@ class InBatch {
   const Matrix<double>& predictor_gain() const requires(Batch<Filter>::covariance_root) { return gain_; }
   const Matrix<double>& filter_gain() const requires(!Batch<Filter>::covariance_root) { return gain_; }
   const Vector<double>& state() const { return x_; }
+  Matrix<double> innovation_root() const requires(Batch<Filter>::covariance_root) { return batch_.innovation_root(mine); }
 
  private:
   static constexpr Index count = 19, mine = 10, singular = 8, not_finite = 13;  // mine: in no first lane or group
@@ -73,13 +76,13 @@ class InBatch {
     look();
   }
 
-  StepReport<double> step_all(const Matrix<double>& D, const Vector<double>* y, const Vector<double>* input) {
+  StepReport<double> step_all(const Matrix<double>& D, const Vector<double>* y, const Vector<double>* input, Wanted wanted) {
     if (y) {
       if (input) Du_ = D * *input;
       const Vector<double> rubbish = Vector<double>::Constant(y->size(), std::numeric_limits<double>::quiet_NaN());
       for (Index i = 0; i < count; ++i) batch_.set_data(i, i == not_finite ? rubbish : *y, input ? &Du_ : nullptr);
     }
-    batch_.step(y != nullptr);
+    batch_.step(y != nullptr, wanted);
     look();
     return batch_.report(mine);
   }

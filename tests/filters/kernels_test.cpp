@@ -134,32 +134,34 @@ std::string text(const Dimensions& d) {
   return "n=" + std::to_string(d.n) + " m=" + std::to_string(d.m) + " p=" + std::to_string(d.p);
 }
 
-// The same step, by each of them.
+// The same step, by each of them, of one filter and in a batch.
 TEST(Kernels, AreBackwardStableAsThePlainTextIs) {
   constexpr int steps = 40;
   for (const Dimensions& d : sizes) {
     std::vector<double> means;
-    for (const std::string& isa : all_kernels()) {
-      const WithKernels with(isa);
-      double& mean = means.emplace_back(0.0);
-      for (std::uint64_t seed = 1; seed <= steps; ++seed) {
-        Dice dice(seed);
-        const RootModel<double> model = random_model(dice, d);
-        const Matrix<double> S0 = dice.lower_root(d.n);
-        const KernelResult is = one_step<Srcf>(model, S0);
-        ASSERT_EQ(is.report.status, Status::ok) << isa << ' ' << text(d);
-        const double error = backward_error(model, S0, is);
-        EXPECT_LE(error, threshold) << isa << ' ' << text(d);
-        mean += error / steps;
-        for (Index j = 0; j < d.n; ++j)
-          for (Index i = 0; i < j; ++i) ASSERT_EQ(is.factor(i, j), 0);
-        for (Index j = 0; j < d.p; ++j)
-          for (Index i = 0; i < j; ++i) ASSERT_EQ(is.innovation_root(i, j), 0);
+    for (const std::string& isa : all_kernels())
+      for (const bool batch : {false, true}) {
+        SCOPED_TRACE(isa + (batch ? " in a batch " : " ") + text(d));
+        const WithKernels with(isa);
+        double& mean = means.emplace_back(0.0);
+        for (std::uint64_t seed = 1; seed <= steps; ++seed) {
+          Dice dice(seed);
+          const RootModel<double> model = random_model(dice, d);
+          const Matrix<double> S0 = dice.lower_root(d.n);
+          const KernelResult is = batch ? one_step<InBatch<Srcf>>(model, S0) : one_step<Srcf>(model, S0);
+          ASSERT_EQ(is.report.status, Status::ok);
+          const double error = backward_error(model, S0, is);
+          EXPECT_LE(error, threshold);
+          mean += error / steps;
+          for (Index j = 0; j < d.n; ++j)
+            for (Index i = 0; i < j; ++i) ASSERT_EQ(is.factor(i, j), 0);
+          for (Index j = 0; j < d.p; ++j)
+            for (Index i = 0; i < j; ++i) ASSERT_EQ(is.innovation_root(i, j), 0);
+        }
+        // Of the mean, since the worst of a few is a matter of chance; where the plain text has no errors, of order 1, a
+        // reflector of another sign may make some: a rounding of one product is 1/(n + m + p).
+        EXPECT_LE(mean, 2 * means.front() + 1.0 / static_cast<double>(d.n + d.m + d.p));
       }
-      // Of the mean, since the worst of a few is a matter of chance; where the plain text has no errors, of order 1, a
-      // reflector of another sign may make some: a rounding of one product is 1/(n + m + p).
-      EXPECT_LE(mean, 2 * means.front() + 1.0 / static_cast<double>(d.n + d.m + d.p)) << isa << ' ' << text(d);
-    }
   }
 }
 
@@ -504,6 +506,32 @@ TEST(Kernels, KnowTheConditionOfTFromThatOfItsTranspose) {
       EXPECT_GE(report.rcond, 1 / (1001.0 * 1001.0) * (1 - 1e-6)) << isa << ' ' << n;  // rounding: 1001^2 n u
       EXPECT_LE(report.rcond, 3 / (1001.0 * 1001.0)) << isa << ' ' << n;               // an estimate
     }
+  }
+}
+
+// One row at a time, whose numbers are in the lanes. A solve with a triangle is backward stable row by row (Higham 2002, 8.1), and the
+// estimates of linear_solve.hpp and of the kernels take the same course.
+TEST(Kernels, DivideARow) {
+  for (const kernels::Kernels& kernel : kernels::available()) {
+    const FixedKernels& fixed = *fixed_kernels(kernel.isa);
+    for (Index K = 1; K <= most_divided; ++K)
+      for (const bool transposed : {false, true}) {
+        SCOPED_TRACE(std::string(kernel.isa) + " K=" + std::to_string(K) + (transposed ? " transposed" : ""));
+        Dice dice(static_cast<std::uint64_t>(K));
+        const Matrix<double> L = dice.lower_root(K), M = transposed ? Matrix<double>(L.transpose()) : L;
+        const Vector<double> b = dice.vector(K, 16);
+        Vector<double> x = b;
+        fixed.divide_row(x.data(), L.data(), K, transposed);
+        const double bound = threshold * 0x1p-53 * static_cast<double>(K);
+        for (Index j = 0; j < K; ++j)
+          EXPECT_LE(std::abs(M.col(j).dot(x) - b(j)), bound * M.col(j).cwiseAbs().dot(x.cwiseAbs())) << j;
+        if (K == 1) continue;
+        Vector<double> work(K), sign(K);
+        const double rcond = transposed ? reciprocal_condition_triangular<Triangle::upper>(M, work, sign)
+                                        : reciprocal_condition_triangular<Triangle::lower>(M, work, sign);
+        const double expected = 1 / (rcond * M.cwiseAbs().colwise().sum().maxCoeff());
+        EXPECT_NEAR(fixed.estimate_of_inverse(L.data(), K, transposed), expected, bound / rcond * expected);
+      }
   }
 }
 
