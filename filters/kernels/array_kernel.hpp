@@ -43,18 +43,19 @@ KFSTAB_INLINE Reflector reflector(double alpha, double square, bool& ok, Zero&& 
   return {beta, pivot, -2 / fma(pivot, pivot, square)};
 }
 
-/// Entry k of U x, or of x if there is no U.
-KFSTAB_INLINE double entry_of_Ux(const ArrayStep& step, Index k) {
-  if (!step.U_transposed.data) return step.x[k];
-  const double* column = step.U_transposed.data + k * step.U_transposed.leading;
-  V sum{};
+/// Entries k ... of U x, or of x if there is no U; 0 behind the last one.
+KFSTAB_INLINE V entries_of_Ux(const ArrayStep& step, Index k) {
+  if (!step.U_transposed.data) return load(step.x + k, 1, 0, least(step.n - k, width));
+  V sum[width] = {};
   for (Index i = 0; i < step.n; i += width) {
     const Index high = least(step.n - i, width);
-    sum = fma(load(column + i, 1, 0, high), load(step.x + i, 1, 0, high), sum);
+    const V x = load(step.x + i, 1, 0, high);
+    const double* const part = step.U_transposed.data + i + k * step.U_transposed.leading;
+    each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
+      if (k + q < step.n) sum[q] = fma(load(part + q * step.U_transposed.leading, 1, 0, high), x, sum[q]);
+    });
   }
-  double result = 0;
-  for (Index l = 0; l < width; ++l) result += sum[l];
-  return result;
+  return sums_of_lanes(sum);
 }
 
 // ---- small: the whole array in registers, or near them, one reflector after the other ----
@@ -209,8 +210,10 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
 
   // Columns [C S, 0; A S, B Q], or in the other order, and a column [Re; G] for each pivot of the first p rows.
   V X[Sizes::most_columns][vectors], head[Sizes::most_heads][vectors];
-  double Ux[Sizes::most_states];
-  if (size.has_last) each(zero, n, [&](auto k) KFSTAB_INLINED { Ux[k] = entry_of_Ux(step, k); });
+  double Ux[strips_of(Sizes::most_states) * width];
+  if (size.has_last)
+    each(zero, strips_of(n),
+         [&](auto s) KFSTAB_INLINED { store(Ux + s * width, 1, 0, width, entries_of_Ux(step, s * width)); });
 
   // Columns of p rows from `above` and n from `below`, X(i, j) = 0 for j > i + band of each, and a last row. Where matrices are
   // stored row by row, tiles are loaded by rows and transposed: a vector along a column would be gathered entry by entry.
@@ -957,7 +960,10 @@ inline bool large_array_step(const ArrayStep& step) {
     for (Index k = p; k < heads; ++k) head(s, k) = V{};
   load_strips(layout, {}, 0, heads, 0, strips - C_strips, head.at(C_strips, 0));
   if (has_last) {
-    for (Index k = 0; k < n; ++k) AS(last_strip, k)[last_lane] = entry_of_Ux(step, k);
+    for (Index k = 0; k < n; k += width) {
+      const V x = entries_of_Ux(step, k);
+      for (Index q = 0; q < least(n - k, width); ++q) AS(last_strip, k + q)[last_lane] = x[q];
+    }
     for (Index k = 0; k < m; ++k) BQ(last_strip, k)[last_lane] = step.y[k];
     for (Index k = 0; k < p; ++k) head(last_strip, k)[last_lane] = step.z[k];
   }

@@ -10,7 +10,7 @@
 /// estimate.
 namespace kfstab::kernels::KFSTAB_KERNELS {
 
-inline constexpr Index greatest_inverse = 8 * width;
+inline constexpr Index greatest_inverse = 6 * width;
 
 KFSTAB_INLINE V magnitude(V x) { return (V)((Lanes)x & 0x7fffffffffffffff); }
 /// NaN where one of them is.

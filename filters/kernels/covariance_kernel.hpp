@@ -83,15 +83,15 @@ KFSTAB_INLINE bool covariance_step(N n, M m, P p, const CovarianceStep& step, V*
       for (Index k = 0; k < columns; ++k)
         to(s, k) = load(X.data + s * width + k * X.leading, 1, 0, least(rows - s * width, width));
   };
-  // The transpose of a matrix, or what is symmetric by its upper triangle: from row `low` on.
-  const auto load_row = [&](const Source& X, Index s, Index k, Index low, Index rows) KFSTAB_INLINED {
-    return load(X.data + k + s * width * X.leading, X.leading, greatest(low - s * width, 0),
-                least(rows - s * width, width));
+  // The transpose of a matrix.
+  const auto load_transposed = [&](const Strips& to, const Source& X, Index rows, Index columns) KFSTAB_INLINED {
+    load_strips(Layout{true}, X, rows, columns, columns, strips_of(rows), to);
   };
-  const auto store_row = [&](const Target& X, Index s, Index k, Index low, Index rows, V column) KFSTAB_INLINED {
-    difference += column - column;
-    store(X.data + k + s * width * X.leading, X.leading, greatest(low - s * width, 0), least(rows - s * width, width),
-          column);
+  // The lower triangle of H, p x p, goes where X has its upper one.
+  const auto store_upper = [&](const Target& X) KFSTAB_INLINED {
+    for (Index s = 0; s < p_strips; ++s)
+      for (Index t = 0; t <= s; ++t)
+        difference += store_tile(Layout{true}, X, s * width, least(p - s * width, width), t * width, s == t, H.at(s, 0));
   };
   const auto store_column = [&](const Target& X, Index s, Index j, V column) KFSTAB_INLINED {
     difference += column - column;
@@ -101,8 +101,7 @@ KFSTAB_INLINE bool covariance_step(N n, M m, P p, const CovarianceStep& step, V*
   load_rows(AB.at(0, n), step.B, n, m);
   load_rows(C, step.C, p, n);
   load_rows(F, step.P, n, n);
-  for (Index s = 0; s < m_strips; ++s)
-    for (Index k = 0; k < m; ++k) Q(s, k) = load_row(step.Q, s, k, 0, m);
+  load_transposed(Q, step.Q, m, m);
 
   // H = [Re; W], Re = R + C P C' by its lower triangle, W still P C'
   multiply<Part::all>(W, F, 0, n_strips, C, p, n);
@@ -110,16 +109,23 @@ KFSTAB_INLINE bool covariance_step(N n, M m, P p, const CovarianceStep& step, V*
     for (Index t = 0; t < p_strips; ++t) transpose_tile(W, s, n, t, p, CP);
   multiply<Part::lower>(H, CP, 0, p_strips, C, p, n);
   for (Index s = 0; s < p_strips; ++s)
-    for (Index j = 0; j < least(p, (s + 1) * width); ++j) {
-      H(s, j) += load_row(step.R, s, j, j, p);
-      store_row(step.Re, s, j, j, p, H(s, j));
+    for (Index t = 0; t <= s; ++t) {  // of R the upper triangle
+      V tile[width];
+      const Index i = s * width, j = t * width;
+      each(zero, Constant<width>{}, [&](auto l) KFSTAB_INLINED {
+        tile[l] = i + l < p ? load(step.R.data + j + (i + l) * step.R.leading, 1, 0, least(i + l - j + 1, width)) : V{};
+      });
+      transpose(tile);
+      each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
+        if (j + q < p) H(s, j + q) += tile[q];
+      });
     }
+  store_upper(step.Re);
 
   // H := [V'; W], W = P C' V^{-1}
   for (Index t = 0; t < p_strips; ++t)
     if (!factor_columns(H, t, p_strips + n_strips, p)) return false;
-  for (Index s = 0; s < p_strips; ++s)
-    for (Index j = 0; j < least(p, (s + 1) * width); ++j) store_row(step.V, s, j, j, p, H(s, j));
+  store_upper(step.V);
 
   // P_{k|k}, in the place of P, by its lower triangle
   const auto divide = [&]() KFSTAB_INLINED {  // W := Kf, Kf V' = W
@@ -130,15 +136,13 @@ KFSTAB_INLINE bool covariance_step(N n, M m, P p, const CovarianceStep& step, V*
   if (step.joseph) {
     const Strips JK = take(n_strips, n + p), CR = take(greatest(n_strips, p_strips), p);
     divide();
-    for (Index s = 0; s < n_strips; ++s)
-      for (Index k = 0; k < p; ++k) CR(s, k) = load_row(step.C, s, k, 0, n);  // C'
+    load_transposed(CR, step.C, n, p);
     multiply<Part::all>(JK, W, 0, n_strips, CR, n, p);
     for (Index s = 0; s < n_strips; ++s) {
       for (Index j = 0; j < n; ++j) JK(s, j) = (lane_numbers + s * width == j ? splat(1) : V{}) - JK(s, j);
       for (Index j = 0; j < p; ++j) JK(s, n + j) = W(s, j);
     }
-    for (Index s = 0; s < p_strips; ++s)
-      for (Index k = 0; k < p; ++k) CR(s, k) = load_row(step.R, s, k, 0, p);
+    load_transposed(CR, step.R, p, p);
     multiply<Part::all>(product, JK, 0, n_strips, F, n, n);
     multiply<Part::all>(product.at(0, n), W, 0, n_strips, CR, p, p);
     multiply<Part::lower>(F, product, 0, n_strips, JK, n, n + p);

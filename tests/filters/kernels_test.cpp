@@ -473,10 +473,10 @@ TEST(Kernels, OfTheArrayFormsAgreeWithTheirPlainText) {
           EXPECT_LE(difference(K, K_, size), threshold * kappa);
           EXPECT_LE(difference(x, x_, size), threshold * kappa);
           // An estimate, which signs of columns lead astray, and seldom by more than a factor 3. Where the kernel computes the
-          // norm of the inverse, for all sets up to the order 16, an estimate of it is no larger.
+          // norm of the inverse, for all sets up to the order 12, an estimate of it is no larger.
           EXPECT_LE(std::max(rcond, rcond_), 3 * std::min(rcond, rcond_));
           const Index order = metadata.takes == Parametrisation::information ? d.n : d.p;
-          if (order <= 16) {
+          if (order <= 12) {
             EXPECT_LE(rcond_, rcond * (1 + threshold * 0x1p-53 * static_cast<double>(size) * kappa));
           }
         }

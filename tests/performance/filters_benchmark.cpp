@@ -122,6 +122,11 @@ constexpr std::array routines = {
             [](double n, double m, double p) { return 3 * n * n * n / 2 + n * n * (3 * p + m) / 2; }},
 };
 
+/// Of a condensed form our dense one, or nothing.
+constexpr std::string_view dense_form(std::string_view filter) {
+  return filter == "srcf-hessenberg" ? "srcf" : filter == "srif-hessenberg" ? "srif" : "";
+}
+
 /// Whether SLICOT's routine gives what ours gives, and all that it can.
 constexpr bool like_for_like(const Routine& routine) {
   return routine.gain != (std::string_view(routine.filter).starts_with("srif"));
@@ -172,6 +177,10 @@ std::vector<Column> columns_of(const Case& c, const System& system) {
     add("batch", "batch", true, batch ? batch : ours_batch(filter, system, routine.gain));
   }
   add(routine.peer, "", false, slicot(routine.peer, system, routine.gain));
+  if (const std::string dense(dense_form(filter)); !dense.empty()) {
+    add(dense.c_str(), "fixed", false, ours_fixed(dense, system, routine.gain));
+    add(dense.c_str(), "dynamic", false, ours_dynamic(dense, system, routine.gain));
+  }
   if (filter == "srcf") {
     add("Eigen QR", "fixed", false, eigen_qr_fixed(system, routine.gain));
     add("Eigen QR", "dynamic", false, eigen_qr(system, routine.gain));
@@ -312,6 +321,7 @@ const Row* find(const Rows& rows, const Case& c, std::string_view peer, std::str
 
 std::vector<std::string> peers_of(const Routine& routine) {
   std::vector<std::string> peers{routine.peer};
+  if (const auto dense = dense_form(routine.filter); !dense.empty()) peers.emplace_back(dense);
   if (std::string_view(routine.filter) == "srcf") peers.push_back("Eigen QR");
   if (std::string_view(routine.filter) == "ckf") peers.push_back("Eigen textbook");
   return peers;
@@ -345,7 +355,7 @@ kfstab::reports::Table table_of(const Routine& routine, const std::vector<Case>&
       if (row && std::string_view(kernel) != "batch") share = row->share();
     }
     for (const std::string& peer : peers_of(routine)) {
-      // Eigen's best is what the last kernel but batch is compared with.
+      // Of the others the time shown is that which the last kernel but batch is compared with.
       std::string time = "not there";
       std::vector<std::string> ratios;
       for (const char* kernel : kernels) {
@@ -454,7 +464,8 @@ kfstab::reports::Figure figure_of(const Routine& routine, const Rows& rows) {
     };
     add("ours-" + row.kernel, "kfstab, " + row.kernel, row.ours_us(), CurveRole::measured_line);
     if (row.kernel == "dynamic") {
-      add(row.peer == routine.peer ? routine.peer : "eigen", row.peer == routine.peer ? "SLICOT " + row.peer : row.peer,
+      const bool slicot = row.peer == routine.peer, dense = row.peer == dense_form(routine.filter);
+      add(slicot ? routine.peer : dense ? "dense" : "eigen", slicot ? "SLICOT " + row.peer : dense ? "kfstab, " + row.peer : row.peer,
           row.peer_us(), CurveRole::measured_line);
       if (!row.shares.empty()) add("dgemm", "at DGEMM's speed", row.ours_us() * row.share(), CurveRole::theory);
     }
