@@ -37,8 +37,8 @@ KFSTAB_INLINE Reflector reflector(double alpha, double square, bool& ok, Zero&& 
     return {alpha, 0, 0};
   }
   if (square == 0) return {alpha, 0, 0};
-  // d = -2 / u'u of the rounded pivot: H is orthogonal but for the rounding of d. 1 / (beta pivot), the same on paper, knows as well how
-  // the root was rounded; -1 / (|alpha| norm + norm2), which would be known sooner, not even how the pivot was.
+  // d = -2 / u'u of the rounded pivot: H is orthogonal but for the rounding of d itself. 1 / (beta pivot) is the same on paper,
+  // and has the root's rounding in it; -1 / (|alpha| norm + norm2) would be known sooner, and has the pivot's, too.
   const double beta = -__builtin_copysign(root(norm2), alpha), pivot = alpha - beta;
   return {beta, pivot, -2 / fma(pivot, pivot, square)};
 }

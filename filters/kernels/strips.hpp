@@ -202,7 +202,7 @@ KFSTAB_INLINE V sums_of_lanes(V (&x)[width]) {
 }
 
 /// x := x L^{-1} for one row x of K numbers, which are in the lanes; L packed. What is behind them becomes zero.
-KFSTAB_INLINE void divide_row(V* x, const V* L, Index K) {
+__attribute__((noinline)) inline void divide_row(V* x, const V* L, Index K) {
   const auto* entries = reinterpret_cast<const double*>(x);
   for (Index j = (K - 1) / width * width; j >= 0; j -= width) {
     const V* block = L + packed_block(K, j);
@@ -225,7 +225,7 @@ KFSTAB_INLINE void divide_row(V* x, const V* L, Index K) {
 }
 
 /// x := x L'^{-1}, likewise.
-KFSTAB_INLINE void divide_row_transposed(V* x, const V* L, Index K) {
+__attribute__((noinline)) inline void divide_row_transposed(V* x, const V* L, Index K) {
   for (Index j = 0; j < K; j += width) {
     const auto products_of_rows = [&](auto rows) KFSTAB_INLINED {
       V sum[width] = {};

@@ -509,8 +509,8 @@ TEST(Kernels, KnowTheConditionOfTFromThatOfItsTranspose) {
   }
 }
 
-// One row at a time, whose numbers are in the lanes. A solve with a triangle is backward stable row by row (Higham 2002, 8.1), and the
-// estimates of linear_solve.hpp and of the kernels take the same course.
+// One row at a time, whose numbers are in the lanes. A solve with a triangle is backward stable row by row (Higham 2002, 8.1), and
+// the estimates of linear_solve.hpp and of the kernels take the same course.
 TEST(Kernels, DivideARow) {
   for (const kernels::Kernels& kernel : kernels::available()) {
     const FixedKernels& fixed = *fixed_kernels(kernel.isa);

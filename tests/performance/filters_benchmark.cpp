@@ -465,8 +465,8 @@ kfstab::reports::Figure figure_of(const Routine& routine, const Rows& rows) {
     add("ours-" + row.kernel, "kfstab, " + row.kernel, row.ours_us(), CurveRole::measured_line);
     if (row.kernel == "dynamic") {
       const bool slicot = row.peer == routine.peer, dense = row.peer == dense_form(routine.filter);
-      add(slicot ? routine.peer : dense ? "dense" : "eigen", slicot ? "SLICOT " + row.peer : dense ? "kfstab, " + row.peer : row.peer,
-          row.peer_us(), CurveRole::measured_line);
+      add(slicot ? routine.peer : dense ? "dense" : "eigen",
+          slicot ? "SLICOT " + row.peer : (dense ? "kfstab, " : "") + row.peer, row.peer_us(), CurveRole::measured_line);
       if (!row.shares.empty()) add("dgemm", "at DGEMM's speed", row.ours_us() * row.share(), CurveRole::theory);
     }
   }
