@@ -65,7 +65,7 @@ constexpr Index packed_room(Index n, Index m, Index p) {
 }
 
 /// How much workspace a step needs, whatever the instruction set: the array, a packed triangle with what is made of it, and the
-/// gain of an information filter with the state in a last row.
+/// gain of an information filter.
 constexpr Index array_step_work(Index n, Index m, Index p) {
   const Index lanes = 8, strips = (p + lanes - 1) / lanes + (n + lanes) / lanes;
   return lanes * (strips * (n + m + p + lanes) + (m / lanes + 1) * n + 1) + packed_room(n, m, p);
