@@ -15,6 +15,8 @@ if(PROJECT_IS_TOP_LEVEL)
     set(CMAKE_BUILD_TYPE Release)
   endif()
   set(CMAKE_RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/bin)
+  # Memory is plenty: g++ looks for what it no longer needs from 400 MB on, and not from 128. A tenth of its time.
+  add_compile_options($<$<COMPILE_LANG_AND_ID:CXX,GNU>:--param=ggc-min-heapsize=400000>)
   # CCACHE_DISABLE=1 in the environment compiles in earnest.
   find_program(KFSTAB_CCACHE ccache)
   if(KFSTAB_CCACHE AND NOT DEFINED CMAKE_CXX_COMPILER_LAUNCHER)

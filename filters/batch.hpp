@@ -20,25 +20,28 @@ void give_up(const BatchStep& step) {
 }
 
 #ifdef KFSTAB_FILTERS_LIBRARY
-inline void run(const BatchArrayStep& step) {
-  if (const Kernels* kernels = in_use())
+inline void run(const BatchArrayStep& step, const Kernels* chosen) {
+  if (const Kernels* kernels = chosen ? chosen : in_use())
     kernels->batch_array_step(step);
   else
     give_up(step);
 }
 
-inline void run(const BatchCovarianceStep& step) {
-  if (const Kernels* kernels = in_use())
+inline void run(const BatchCovarianceStep& step, const Kernels* chosen) {
+  if (const Kernels* kernels = chosen ? chosen : in_use())
     kernels->batch_covariance_step(step);
   else
     give_up(step);
 }
-#elif defined(KFSTAB_KERNELS)
-inline void run(const BatchArrayStep& step) { KFSTAB_KERNELS::batch_array_step(step); }
-inline void run(const BatchCovarianceStep& step) { KFSTAB_KERNELS::batch_covariance_step(step); }
 #else
-inline void run(const BatchArrayStep& step) { give_up(step); }
-inline void run(const BatchCovarianceStep& step) { give_up(step); }
+struct Kernels;
+#ifdef KFSTAB_KERNELS
+inline void run(const BatchArrayStep& step, const Kernels*) { KFSTAB_KERNELS::batch_array_step(step); }
+inline void run(const BatchCovarianceStep& step, const Kernels*) { KFSTAB_KERNELS::batch_covariance_step(step); }
+#else
+inline void run(const BatchArrayStep& step, const Kernels*) { give_up(step); }
+inline void run(const BatchCovarianceStep& step, const Kernels*) { give_up(step); }
+#endif
 #endif
 
 /// Whether a batch of filters of sizes that may be known has a kernel of its own, in the user's source. It is the library's
@@ -57,20 +60,20 @@ constexpr bool batch_of_its_own() {
   return false;
 }
 
-/// run(step), for sizes that may be known, n, m, p of the array.
-template <int n, int m, int p, bool information>
-void run_sized(const BatchArrayStep& step) {
+/// run(step, chosen), or by a kernel of its own, n, m, p of the array.
+template <bool of_its_own, int n, int m, int p, bool information>
+void run_sized(const BatchArrayStep& step, const Kernels* chosen) {
 #ifdef KFSTAB_KERNELS
-  if constexpr (batch_of_its_own<n, m, p>()) return KFSTAB_KERNELS::fixed_batch_array_step<n, m, p, information>(step);
+  if constexpr (of_its_own) return KFSTAB_KERNELS::fixed_batch_array_step<n, m, p, information>(step);
 #endif
-  run(step);
+  run(step, chosen);
 }
-template <int n, int m, int p>
-void run_sized(const BatchCovarianceStep& step) {
+template <bool of_its_own, int n, int m, int p>
+void run_sized(const BatchCovarianceStep& step, const Kernels* chosen) {
 #ifdef KFSTAB_KERNELS
-  if constexpr (batch_of_its_own<n, m, p>()) return KFSTAB_KERNELS::fixed_batch_covariance_step<n, m, p>(step);
+  if constexpr (of_its_own) return KFSTAB_KERNELS::fixed_batch_covariance_step<n, m, p>(step);
 #endif
-  run(step);
+  run(step, chosen);
 }
 
 }  // namespace kfstab::kernels
@@ -100,6 +103,9 @@ class Batch {
                         covariance_root = std::is_same_v<Filter, SquareRootCovarianceFilter<double, N, M, P>>,
                         information = std::is_same_v<Filter, SquareRootInformationFilter<double, N, M, P>>;
   static_assert(conventional || covariance_root || information, "there are no batches of this filter");
+  /// Whether the kernel is one for these sizes, in the user's source. The array of the information form is that of the dual
+  /// system.
+  static constexpr bool of_its_own = information ? kernels::batch_of_its_own<N, P, M>() : kernels::batch_of_its_own<N, M, P>();
 
   /// @param count  how many    @param d  the shape of each
   /// @param tolerance  as the filter's, and <= 0 means the filter's own
@@ -134,6 +140,10 @@ class Batch {
   }
 
   Index count() const { return static_cast<Index>(reports_.size()); }
+
+  /// From now on steps are done by these kernels of the library, whatever is in use; null: by those in use, and by every filter
+  /// alone where that is the plain text.
+  void use(const kernels::Kernels* kernels) requires(!of_its_own) { chosen_ = kernels; }
 
   /// Takes what filter i holds at first, P0, S0 or T0, and x0, as Filter::start does.
   template <class InitialType, class X0Type>
@@ -305,7 +315,7 @@ class Batch {
   }
 
   static Index work_size(const Dimensions& d) {
-    if (kernels::batch_of_its_own<N, M, P>()) return 0;
+    if (of_its_own) return 0;
     return conventional  ? kernels::batch_covariance_work(d.n, d.m, d.p)
            : information ? kernels::batch_array_work(d.n, d.p, d.m)
                          : kernels::batch_array_work(d.n, d.m, d.p);
@@ -316,7 +326,7 @@ class Batch {
     kernels::Eight *gain = has_gain ? next_gain_.eights.data() : nullptr,
                    *rcond = has_rcond ? rcond_.eights.data() : nullptr;
     if constexpr (conventional) {
-      kernels::run_sized<N, M, P>(kernels::BatchCovarianceStep{.groups = groups_,
+      kernels::run_sized<of_its_own, N, M, P>(kernels::BatchCovarianceStep{.groups = groups_,
                                                                .n = d_.n,
                                                                .m = d_.m,
                                                                .p = d_.p,
@@ -334,9 +344,9 @@ class Batch {
                                                                .rcond = rcond,
                                                                .x_next = next_x_.eights.data(),
                                                                .gave_up = gave_up_.data(),
-                                                               .work = kernel_work_.data()});
+                                                               .work = kernel_work_.data()},
+                                   chosen_);
     } else {
-      // The array of the information form is that of the dual system.
       kernels::BatchArrayStep step{.groups = groups_,
                                    .n = d_.n,
                                    .m = information ? d_.p : d_.m,
@@ -360,9 +370,9 @@ class Batch {
                                    .gave_up = gave_up_.data(),
                                    .work = kernel_work_.data()};
       if constexpr (information)
-        kernels::run_sized<N, P, M, true>(step);
+        kernels::run_sized<of_its_own, N, P, M, true>(step, chosen_);
       else
-        kernels::run_sized<N, M, P, false>(step);
+        kernels::run_sized<of_its_own, N, M, P, false>(step, chosen_);
     }
   }
 
@@ -426,6 +436,7 @@ class Batch {
   bool has_input_ = false, has_mean_ = false;
   std::vector<unsigned char> gave_up_;
   std::vector<kernels::Eight> kernel_work_;
+  const kernels::Kernels* chosen_ = nullptr;
   std::vector<StepReport<double>> reports_;
   // One filter, for those that are done alone.
   Filter alone_;

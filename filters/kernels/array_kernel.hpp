@@ -51,7 +51,7 @@ KFSTAB_INLINE V entries_of_Ux(const ArrayStep& step, Index k) {
     const Index high = least(step.n - i, width);
     const V x = load(step.x + i, 1, 0, high);
     const double* const part = step.U_transposed.data + i + k * step.U_transposed.leading;
-    each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
+    each(zero, Constant<width>{}, [&](Index q) KFSTAB_INLINED {
       if (k + q < step.n) sum[q] = fma(load(part + q * step.U_transposed.leading, 1, 0, high), x, sum[q]);
     });
   }
@@ -179,21 +179,21 @@ KFSTAB_INLINE double small_reciprocal_condition(Order order, double norm, Entry&
   V W[most][vectors], sum[vectors] = {};
   each(zero, order, [&](auto i) KFSTAB_INLINED {
     V row[vectors];
-    each(zero, all, [&](auto v) KFSTAB_INLINED { row[v] = lane_numbers == i - v * width ? splat(1) : V{}; });
-    each(zero, i, [&](auto k) KFSTAB_INLINED {
+    each(zero, all, [&](Index v) KFSTAB_INLINED { row[v] = lane_numbers == i - v * width ? splat(1) : V{}; });
+    each(zero, i, [&](Index k) KFSTAB_INLINED {
       const V minus = -entry(i, k);
-      each(zero, all, [&](auto v) KFSTAB_INLINED {
+      each(zero, all, [&](Index v) KFSTAB_INLINED {
         if (v * width <= k) row[v] = fma(minus, W[k][v], row[v]);
       });
     });
     const V inverse = splat(1 / entry(i, i)[0]);
-    each(zero, all, [&](auto v) KFSTAB_INLINED {
+    each(zero, all, [&](Index v) KFSTAB_INLINED {
       W[i][v] = row[v] * inverse;
       sum[v] += magnitude(W[i][v]);
     });
   });
   double of_inverse = 0;
-  each(zero, all, [&](auto v) KFSTAB_INLINED { of_inverse = larger(largest_lane(sum[v]), of_inverse); });
+  each(zero, all, [&](Index v) KFSTAB_INLINED { of_inverse = larger(largest_lane(sum[v]), of_inverse); });
   if (!(norm > 0) || norm - norm != 0 || of_inverse - of_inverse != 0) return 0;
   return 1 / norm / of_inverse;
 }
@@ -213,7 +213,7 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
   double Ux[strips_of(Sizes::most_states) * width];
   if (size.has_last)
     each(zero, strips_of(n),
-         [&](auto s) KFSTAB_INLINED { store(Ux + s * width, 1, 0, width, entries_of_Ux(step, s * width)); });
+         [&](Index s) KFSTAB_INLINED { store(Ux + s * width, 1, 0, width, entries_of_Ux(step, s * width)); });
 
   // Columns of p rows from `above` and n from `below`, X(i, j) = 0 for j > i + band of each, and a last row. Where matrices are
   // stored row by row, tiles are loaded by rows and transposed: a vector along a column would be gathered entry by entry.
@@ -234,21 +234,21 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
         }
         return data && j < end ? load(data + j, 1, 0, least(end - j, width)) : V{};
       };
-      each(zero, all, [&](auto v) KFSTAB_INLINED {
-        each(zero, strips_of(count), [&](auto t) KFSTAB_INLINED {
+      each(zero, all, [&](Index v) KFSTAB_INLINED {
+        each(zero, strips_of(count), [&](Index t) KFSTAB_INLINED {
           V tile[width];
           each(zero, Constant<width>{},
-               [&](auto l) KFSTAB_INLINED { tile[l] = row_part(v * width + l, t * width); });
+               [&](Index l) KFSTAB_INLINED { tile[l] = row_part(v * width + l, t * width); });
           transpose(tile);
-          each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
+          each(zero, Constant<width>{}, [&](Index q) KFSTAB_INLINED {
             if (t * width + q < count) to[t * width + q][v] = tile[q];
           });
         });
       });
       return;
     }
-    each(zero, count, [&](auto j) KFSTAB_INLINED {
-      each(zero, all, [&](auto v) KFSTAB_INLINED {
+    each(zero, count, [&](Index j) KFSTAB_INLINED {
+      each(zero, all, [&](Index v) KFSTAB_INLINED {
         const Index row = v * width;
         V column{};
         if (above.data && row < p) {
@@ -269,11 +269,11 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
     each(zero, size_of_L, [&](auto j) KFSTAB_INLINED {
       V sum[vectors];
       const V diagonal = splat(*layout.at(L, j, j));
-      each(zero, all, [&](auto v) KFSTAB_INLINED { sum[v] = X[first + j][v] * diagonal; });
+      each(zero, all, [&](Index v) KFSTAB_INLINED { sum[v] = X[first + j][v] * diagonal; });
       const auto add = [&](auto k_first, auto k_end, auto from) KFSTAB_INLINED {
-        each(k_first, k_end, [&](auto k) KFSTAB_INLINED {
+        each(k_first, k_end, [&](Index k) KFSTAB_INLINED {
           const V l = splat(*layout.at(L, k, j));
-          each(from, all, [&](auto v) KFSTAB_INLINED { sum[v] = fma(X[first + k][v], l, sum[v]); });
+          each(from, all, [&](Index v) KFSTAB_INLINED { sum[v] = fma(X[first + k][v], l, sum[v]); });
         });
       };
       if constexpr (Sizes::known) {
@@ -285,12 +285,12 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
           done = greatest(done, ends[v]);
         });
       }
-      each(zero, all, [&](auto v) KFSTAB_INLINED { X[first + j][v] = sum[v]; });
+      each(zero, all, [&](Index v) KFSTAB_INLINED { X[first + j][v] = sum[v]; });
     });
   };
   const Index C_band = Sizes::known ? Index(n) : step.C_band, A_band = Sizes::known ? Index(n) : step.A_band;
   Index ends[vectors];
-  each(zero, all, [&](auto v) KFSTAB_INLINED {
+  each(zero, all, [&](Index v) KFSTAB_INLINED {
     const Index last = (v + 1) * width - 1;  // row
     const Index of_C = v * width < p ? least(last, p - 1) + C_band + 1 : 0, of_A = last >= p ? last - p + A_band + 1 : 0;
     ends[v] = least(greatest(of_C, of_A), n);  // n where the last row is
@@ -298,7 +298,7 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
   load_columns(X + size.at_S, n, step.C, C_band, step.A, A_band, Ux);
   multiply_by_lower(size.at_S, n, step.S, ends);
   load_columns(X + size.at_Q, m, {}, 0, step.B, n + m, step.y);
-  each(zero, all, [&](auto v) KFSTAB_INLINED { ends[v] = m; });
+  each(zero, all, [&](Index v) KFSTAB_INLINED { ends[v] = m; });
   if (step.Q.data) multiply_by_lower(size.at_Q, m, step.Q, ends);
   load_columns(head, p, step.R, 0, {}, 0, step.z);
 
@@ -307,23 +307,23 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
   const auto rows_of_gain = strips_of(m + one);
   V gain[Sizes::most_rows_of_gain];
   // Columns of the m rows that strip t of the gain has, X(i, j) = 0 for j > i + band.
-  const auto load_gain = [&](V* to, auto t, auto count, const Source& from, Index band) KFSTAB_INLINED {
+  const auto load_gain = [&](V* to, Index t, auto count, const Source& from, Index band) KFSTAB_INLINED {
     const Index first = t * width;
     if (!layout.transposed) {
-      each(zero, count, [&](auto j) KFSTAB_INLINED {
+      each(zero, count, [&](Index j) KFSTAB_INLINED {
         const Index low = greatest(j - band - first, 0), high = least(m - first, width);
         to[j] = low < high ? load(layout.at(from, first, j), 1, low, high) : V{};
       });
       return;
     }
-    each(zero, strips_of(count), [&](auto c) KFSTAB_INLINED {
+    each(zero, strips_of(count), [&](Index c) KFSTAB_INLINED {
       V tile[width];
-      each(zero, Constant<width>{}, [&](auto l) KFSTAB_INLINED {
+      each(zero, Constant<width>{}, [&](Index l) KFSTAB_INLINED {
         const Index row = first + l, j = c * width, end = least(count, row + band + 1);
         tile[l] = row < m && j < end ? load(layout.at(from, row, j), 1, 0, least(end - j, width)) : V{};
       });
       transpose(tile);
-      each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
+      each(zero, Constant<width>{}, [&](Index q) KFSTAB_INLINED {
         if (c * width + q < count) to[c * width + q] = tile[q];
       });
     });
@@ -338,7 +338,7 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
       load_gain(Q, t, m, step.Q, 0);
       each(zero, n, [&](auto k) KFSTAB_INLINED {
         V sum{};
-        each(zero, m, [&](auto i) KFSTAB_INLINED { sum = fma(Q[i], entry(X[size.at_Q + i], p + k), sum); });
+        each(zero, m, [&](Index i) KFSTAB_INLINED { sum = fma(Q[i], entry(X[size.at_Q + i], p + k), sum); });
         gain[t * n + k] = sum;
       });
     });
@@ -350,14 +350,14 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
                                  const Target& to) KFSTAB_INLINED {
     if (layout.transposed) {
       each(zero, all, [&](auto v) KFSTAB_INLINED {
-        each(zero, strips_of(count), [&](auto t) KFSTAB_INLINED {
+        each(zero, strips_of(count), [&](Index t) KFSTAB_INLINED {
           const Index j = t * width;
           if (v * width >= last || (v + one) * width <= first || (lower && (v + one) * width <= first + j)) return;
           V tile[width];
           each(zero, Constant<width>{},
-               [&](auto q) KFSTAB_INLINED { tile[q] = j + q < count ? columns_of[j + q][v] : V{}; });
+               [&](Index q) KFSTAB_INLINED { tile[q] = j + q < count ? columns_of[j + q][v] : V{}; });
           transpose(tile);
-          each(zero, Constant<width>{}, [&](auto l) KFSTAB_INLINED {
+          each(zero, Constant<width>{}, [&](Index l) KFSTAB_INLINED {
             const Index row = v * width + l, end = lower ? least(count, row - first + 1) : Index(count);
             if (row < first || row >= last || j >= end) return;
             const V used = in_lanes(0, least(end - j, width), tile[l]);
@@ -368,8 +368,8 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
       });
       return;
     }
-    each(zero, count, [&](auto j) KFSTAB_INLINED {
-      each(zero, all, [&](auto v) KFSTAB_INLINED {
+    each(zero, count, [&](Index j) KFSTAB_INLINED {
+      each(zero, all, [&](Index v) KFSTAB_INLINED {
         const Index row = v * width, low = greatest(first + (lower ? Index(j) : 0) - row, 0),
                     high = least(last - row, width);
         if (low >= high) return;
@@ -384,23 +384,23 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
   Reflector is{};
   V w[chains][vectors], squares[chains] = {};
   const auto pivot_column = [&](Index row) KFSTAB_INLINED -> V(&)[vectors] { return row < p ? head[row] : X[row - p]; };
-  const auto sum_of_chains = [&](auto v) KFSTAB_INLINED {
+  const auto sum_of_chains = [&](Index v) KFSTAB_INLINED {
     V sum = w[0][v] + w[1][v];
     if constexpr (chains == 4) sum += w[2][v] + w[3][v];
     return sum;
   };
   const auto clear_products = [&](auto from) KFSTAB_INLINED {
     each(zero, Constant<chains>{},
-         [&](auto c) KFSTAB_INLINED { each(from, all, [&](auto v) KFSTAB_INLINED { w[c][v] = V{}; }); });
+         [&](Index c) KFSTAB_INLINED { each(from, all, [&](Index v) KFSTAB_INLINED { w[c][v] = V{}; }); });
   };
   // Of a row in vector v, whose products with the rows there are at hand.
   const auto make_reflector = [&](auto row, auto v) KFSTAB_INLINED {
     V square = squares[0] + squares[1];
     if constexpr (chains == 4) square += squares[2] + squares[3];
-    each(zero, Constant<chains>{}, [&](auto c) KFSTAB_INLINED { squares[c] = V{}; });
+    each(zero, Constant<chains>{}, [&](Index c) KFSTAB_INLINED { squares[c] = V{}; });
     is = reflector(lane(pivot_column(row)[v], row)[0], square[0], ok, [&]() KFSTAB_INLINED {
       Lanes bits{};
-      each(size.first_column(row), size.end_column(row), [&](auto k) KFSTAB_INLINED { bits |= (Lanes)X[k][v]; });
+      each(size.first_column(row), size.end_column(row), [&](Index k) KFSTAB_INLINED { bits |= (Lanes)X[k][v]; });
       return lane(magnitude((V)bits), row)[0] == 0;
     });
   };
@@ -411,7 +411,7 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
     V(&pivots)[vectors] = pivot_column(row);
     V f[vectors];
     const V pivot = splat(is.pivot), d = splat(is.d);
-    each(from, all, [&](auto v) KFSTAB_INLINED {
+    each(from, all, [&](Index v) KFSTAB_INLINED {
       const V product = fma(pivots[v], pivot, sum_of_chains(v));
       f[v] = (v == from ? in_lanes(row % width + 1, width, product) : product) * d;
       pivots[v] = fma(f[v], pivot, pivots[v]);
@@ -420,15 +420,15 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
     const auto first = size.first_column(row);
     const auto end = size.end_column(row);  // of a type of its own
     // Columns before the next row's are updated alone, those from `end` on have products alone.
-    const auto update = [&](auto k, auto v, V x) KFSTAB_INLINED {
+    const auto update = [&](Index k, Index v, V x) KFSTAB_INLINED {
       if (k < end) X[k][v] = fma(f[v], x, X[k][v]);
     };
     const auto next = after(row, rows);
     if (next == row) {
       if (size.has_last)
-        each(first, end, [&](auto k) KFSTAB_INLINED {
+        each(first, end, [&](Index k) KFSTAB_INLINED {
           const V x = lane(X[k][from], row);
-          each(from, all, [&](auto v) KFSTAB_INLINED { update(k, v, x); });
+          each(from, all, [&](Index v) KFSTAB_INLINED { update(k, v, x); });
         });
       return;
     }
@@ -436,21 +436,21 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
     const auto next_first = size.first_column(next);
     const auto next_end = size.end_column(next);
     with_vector_of(next, from, all, [&](auto of_next) KFSTAB_INLINED {
-      each(first, next_first, [&](auto k) KFSTAB_INLINED { update(k, of_next, lane(X[k][from], row)); });
-      each_column(next_first, next_end, [&](auto k, auto c) KFSTAB_INLINED {
+      each(first, next_first, [&](Index k) KFSTAB_INLINED { update(k, of_next, lane(X[k][from], row)); });
+      each_column(next_first, next_end, [&](Index k, Index c) KFSTAB_INLINED {
         update(k, of_next, lane(X[k][from], row));
         const V y = lane(X[k][of_next], next);
         squares[c] = fma(y, y, squares[c]);
         w[c][of_next] = fma(X[k][of_next], y, w[c][of_next]);
       });
       make_reflector(next, of_next);
-      each(first, next_first, [&](auto k) KFSTAB_INLINED {
+      each(first, next_first, [&](Index k) KFSTAB_INLINED {
         const V x = lane(X[k][from], row);
-        each(of_next + one, all, [&](auto v) KFSTAB_INLINED { update(k, v, x); });
+        each(of_next + one, all, [&](Index v) KFSTAB_INLINED { update(k, v, x); });
       });
-      each_column(next_first, next_end, [&](auto k, auto c) KFSTAB_INLINED {
+      each_column(next_first, next_end, [&](Index k, Index c) KFSTAB_INLINED {
         const V x = lane(X[k][from], row), y = lane(X[k][of_next], next);
-        each(of_next + one, all, [&](auto v) KFSTAB_INLINED {
+        each(of_next + one, all, [&](Index v) KFSTAB_INLINED {
           update(k, v, x);
           w[c][v] = fma(X[k][v], y, w[c][v]);
         });
@@ -461,9 +461,9 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
     store_columns(head, p, 0, p, true, step.Re);
     if (step.rcond_of_Re) {
       double norm = 0;
-      each(zero, p, [&](auto j) KFSTAB_INLINED {
+      each(zero, p, [&](Index j) KFSTAB_INLINED {
         V sum{};
-        each(zero, all, [&](auto v) KFSTAB_INLINED {
+        each(zero, all, [&](Index v) KFSTAB_INLINED {
           const Index row = v * width;
           if (row < p) sum += magnitude(in_lanes(j - row, p - row, head[j][v]));
         });
@@ -477,26 +477,26 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
         each(zero, p, [&](auto i) KFSTAB_INLINED {
           const auto j = p - one - i;
           V sum[vectors];
-          each(zero, all, [&](auto v) KFSTAB_INLINED { sum[v] = head[j][v]; });
+          each(zero, all, [&](Index v) KFSTAB_INLINED { sum[v] = head[j][v]; });
           each(j + one, p, [&](auto k) KFSTAB_INLINED {
             const V l = entry(head[j], k);
-            each(zero, all, [&](auto v) KFSTAB_INLINED { sum[v] = fma(-l, head[k][v], sum[v]); });
+            each(zero, all, [&](Index v) KFSTAB_INLINED { sum[v] = fma(-l, head[k][v], sum[v]); });
           });
           const V inverse = splat(1 / entry(head[j], j)[0]);
-          each(zero, all, [&](auto v) KFSTAB_INLINED { head[j][v] = sum[v] * inverse; });
+          each(zero, all, [&](Index v) KFSTAB_INLINED { head[j][v] = sum[v] * inverse; });
         });
       if (step.U_transposed.data)
         each(zero, p, [&](auto j) KFSTAB_INLINED {
           V sum[vectors] = {};
           each(zero, n, [&](auto k) KFSTAB_INLINED {
             const V x = entry(head[j], p + k);
-            each(zero, all, [&](auto v) KFSTAB_INLINED {
+            each(zero, all, [&](Index v) KFSTAB_INLINED {
               const Index row = v * width, low = greatest(p - row, 0), high = least(rows - row, width);
               if (low < high)
                 sum[v] = fma(load(step.U_transposed.data + (row - p) + k * step.U_transposed.leading, 1, low, high), x, sum[v]);
             });
           });
-          each(zero, all, [&](auto v) KFSTAB_INLINED { head[j][v] = sum[v]; });
+          each(zero, all, [&](Index v) KFSTAB_INLINED { head[j][v] = sum[v]; });
         });
       store_columns(head, p, p, rows, false, step.K);
     }
@@ -504,10 +504,10 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
   clear_products(zero);
   const auto row_0 = n - n;
   if (rows > 0) {
-    each_column(size.first_column(row_0), size.end_column(row_0), [&](auto k, auto c) KFSTAB_INLINED {
+    each_column(size.first_column(row_0), size.end_column(row_0), [&](Index k, Index c) KFSTAB_INLINED {
       const V x = entry(X[k], row_0);
       squares[c] = fma(x, x, squares[c]);
-      each(zero, all, [&](auto v) KFSTAB_INLINED { w[c][v] = fma(X[k][v], x, w[c][v]); });
+      each(zero, all, [&](Index v) KFSTAB_INLINED { w[c][v] = fma(X[k][v], x, w[c][v]); });
     });
     make_reflector(row_0, zero);
   }
@@ -529,12 +529,12 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
 
   store_columns(X, n, p, rows, true, step.S_next);
   if (size.has_last) {
-    each(zero, n, [&](auto j) KFSTAB_INLINED {
+    each(zero, n, [&](Index j) KFSTAB_INLINED {
       const V x = entry(X[j], rows);
       difference += x - x;
       step.xi[j] = x[0];
     });
-    each(zero, m, [&](auto j) KFSTAB_INLINED {
+    each(zero, m, [&](Index j) KFSTAB_INLINED {
       const V x = entry(X[n + j], rows);
       difference += x - x;
       step.e[j] = x[0];
@@ -542,14 +542,14 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
   }
   if (Sizes::known && step.rcond_of_T) {
     V sum[vectors] = {};  // of a row of S+, which is a column of T
-    each(zero, n, [&](auto j) KFSTAB_INLINED {
-      each(zero, all, [&](auto v) KFSTAB_INLINED {
+    each(zero, n, [&](Index j) KFSTAB_INLINED {
+      each(zero, all, [&](Index v) KFSTAB_INLINED {
         const Index row = v * width;
         if (row < rows) sum[v] += magnitude(in_lanes(p + j - row, rows - row, X[j][v]));
       });
     });
     double norm = 0;
-    each(zero, all, [&](auto v) KFSTAB_INLINED { norm = larger(largest_lane(sum[v]), norm); });
+    each(zero, all, [&](Index v) KFSTAB_INLINED { norm = larger(largest_lane(sum[v]), norm); });
     // From the last to the first, T is lower triangular.
     *step.rcond_of_T = small_reciprocal_condition<vectors, Sizes::most_states>(
         n, norm, [&](auto i, auto k) KFSTAB_INLINED { return entry(X[n - one - i], p + (n - one - k)); });
@@ -557,44 +557,44 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
   if (Sizes::known && (step.Kf.data || step.x_next)) {
     V inverse[Sizes::most_states];
     each(zero, n, [&](auto j) KFSTAB_INLINED { inverse[j] = splat(1 / entry(X[j], p + j)[0]); });
-    each(zero, rows_of_gain, [&](auto t) KFSTAB_INLINED {
+    each(zero, rows_of_gain, [&](Index t) KFSTAB_INLINED {
       const Index row = t * width, last_row = step.Kf.data ? Index(m) : 0, high = least(last_row - row, width);
       const bool state = step.x_next && last_row / width == t;
       if (high <= 0 && !state) return;
       V x[Sizes::most_states];
-      each(zero, n, [&](auto k) KFSTAB_INLINED { x[k] = high > 0 ? gain[t * n + k] : V{}; });
+      each(zero, n, [&](Index k) KFSTAB_INLINED { x[k] = high > 0 ? gain[t * n + k] : V{}; });
       if (high > 0)  // x := x S+'^{-1}
         each(zero, n, [&](auto j) KFSTAB_INLINED {
           x[j] *= inverse[j];
           each(j + one, n, [&](auto k) KFSTAB_INLINED { x[k] = fma(-entry(X[j], p + k), x[j], x[k]); });
         });
       if (state)
-        each(zero, n, [&](auto k) KFSTAB_INLINED { x[k] = with_lane(last_row % width, x[k], splat(step.xi[k])); });
+        each(zero, n, [&](Index k) KFSTAB_INLINED { x[k] = with_lane(last_row % width, x[k], splat(step.xi[k])); });
       each(zero, n, [&](auto i) KFSTAB_INLINED {  // x := x S+^{-1}
         const auto j = n - one - i;
         x[j] *= inverse[j];
-        each(zero, j, [&](auto k) KFSTAB_INLINED { x[k] = fma(-entry(X[k], p + j), x[j], x[k]); });
+        each(zero, j, [&](Index k) KFSTAB_INLINED { x[k] = fma(-entry(X[k], p + j), x[j], x[k]); });
       });
       V result[Sizes::most_states];
-      each(zero, n, [&](auto k) KFSTAB_INLINED {
+      each(zero, n, [&](Index k) KFSTAB_INLINED {
         result[k] = x[k];
         if (step.U_transposed.data) {
           result[k] = V{};
-          each(zero, n, [&](auto i) KFSTAB_INLINED {
+          each(zero, n, [&](Index i) KFSTAB_INLINED {
             result[k] = fma(x[i], splat(step.U_transposed.data[k + i * step.U_transposed.leading]), result[k]);
           });
         }
       });
-      each(zero, strips_of(n), [&](auto c) KFSTAB_INLINED {
+      each(zero, strips_of(n), [&](Index c) KFSTAB_INLINED {
         V tile[width];
         const Index j = c * width, end = least(n - j, width);
         each(zero, Constant<width>{},
-             [&](auto q) KFSTAB_INLINED { tile[q] = q < end ? result[least(j + q, n - 1)] : V{}; });
-        each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
+             [&](Index q) KFSTAB_INLINED { tile[q] = q < end ? result[least(j + q, n - 1)] : V{}; });
+        each(zero, Constant<width>{}, [&](Index q) KFSTAB_INLINED {
           if (!layout.transposed && high > 0 && q < end) store(layout.at(step.Kf, row, j + q), 1, 0, high, tile[q]);
         });
         transpose(tile);
-        each(zero, Constant<width>{}, [&](auto l) KFSTAB_INLINED {
+        each(zero, Constant<width>{}, [&](Index l) KFSTAB_INLINED {
           const bool of_state = state && last_row % width == l;
           if (l >= high && !of_state) return;
           difference += tile[l] - tile[l];
@@ -610,7 +610,7 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
 /// Whether unrolling everything for a size pays: the vectors fit the registers, or nearly.
 constexpr bool fixed_pays(Index n, Index m, Index p, bool has_last) {
   const Index vectors = (n + p + has_last + width - 1) / width;
-  return vectors * (n + m + p) <= (width == 8 ? 96 : 48);
+  return vectors * (n + m + p) <= (width == 8 ? 96 : width == 4 ? 64 : 48);
 }
 
 /// For sizes that are known at compile time, and small: all vectors stay in registers, or near them.
@@ -639,10 +639,10 @@ KFSTAB_INLINE bool factor_panel(V* head, V* X, Index count, Index rows, Panel& p
   constexpr Constant<4> chains{};  // sums, so that none waits for the addition before
   V w[chains] = {};
   const auto each_of_X = [&](Index k, auto f) KFSTAB_INLINED {
-    for (; k + chains <= count; k += chains) each(zero, chains, [&](auto c) KFSTAB_INLINED { f(k + c, c); });
+    for (; k + chains <= count; k += chains) each(zero, chains, [&](Index c) KFSTAB_INLINED { f(k + c, c); });
     for (; k < count; ++k) f(k, zero);
   };
-  each_of_X(Index(within), [&](Index k, auto c) KFSTAB_INLINED { w[c] = fma(X[k], lane<0>(X[k]), w[c]); });
+  each_of_X(Index(within), [&](Index k, Index c) KFSTAB_INLINED { w[c] = fma(X[k], lane<0>(X[k]), w[c]); });
   each(zero, Constant<width>{}, [&](auto j) KFSTAB_INLINED {
     constexpr Index J = decltype(j)::value, next = least(J + 1, width - 1);
     panel.t[J] = panel.head[J] = V{};
@@ -663,9 +663,9 @@ KFSTAB_INLINE bool factor_panel(V* head, V* X, Index count, Index rows, Panel& p
     const V f = from_lane<J + 1>(product);
     panel.head[J] = with_lane(J, within ? head[J] - from_lane<J>(head[J]) : V{}, pivot);
     head[J] = with_lane(J, fma(f, pivot, head[J]), splat(is.beta));
-    each(zero, chains, [&](auto c) KFSTAB_INLINED { w[c] = V{}; });
+    each(zero, chains, [&](Index c) KFSTAB_INLINED { w[c] = V{}; });
     if (within && first < count) X[first] = fma(f, lane<J>(X[first]), X[first]);  // the next head
-    each_of_X(first + within, [&](Index k, auto c) KFSTAB_INLINED {
+    each_of_X(first + within, [&](Index k, Index c) KFSTAB_INLINED {
       const V x = X[k] = fma(f, splat(reinterpret_cast<const double*>(X + k)[J]), X[k]);
       w[c] = fma(x, lane<next>(x), w[c]);
     });
@@ -687,45 +687,48 @@ struct Application {
   static constexpr Constant<R> strips{};
 
   KFSTAB_INLINE void begin() {
-    each(zero, all, [&](auto q) KFSTAB_INLINED { each(zero, strips, [&](auto i) KFSTAB_INLINED { z[i][q] = V{}; }); });
-    each_head_entry([&](auto k, auto q, V entry_q) KFSTAB_INLINED {
-      each(zero, strips, [&](auto i) KFSTAB_INLINED { z[i][q] = fma(head(i, k), entry_q, z[i][q]); });
+    each(zero, all, [&](Index q) KFSTAB_INLINED { each(zero, strips, [&](Index i) KFSTAB_INLINED { z[i][q] = V{}; }); });
+    each_head_entry([&](Index k, Index q, V entry_q) KFSTAB_INLINED {
+      each(zero, strips, [&](Index i) KFSTAB_INLINED { z[i][q] = fma(head(i, k), entry_q, z[i][q]); });
     });
   }
   /// Columns first ... last - 1.
   KFSTAB_INLINE void add(Index first, Index last) {
     V sum[R][Q];  // not in memory
-    each(zero, all, [&](auto q) KFSTAB_INLINED { each(zero, strips, [&](auto i) KFSTAB_INLINED { sum[i][q] = z[i][q]; }); });
+    each(zero, all,
+         [&](Index q) KFSTAB_INLINED { each(zero, strips, [&](Index i) KFSTAB_INLINED { sum[i][q] = z[i][q]; }); });
     for (Index k = first; k < last; ++k) add_outer<R>(sum, to, k, X.entries(k));
-    each(zero, all, [&](auto q) KFSTAB_INLINED { each(zero, strips, [&](auto i) KFSTAB_INLINED { z[i][q] = sum[i][q]; }); });
+    each(zero, all,
+         [&](Index q) KFSTAB_INLINED { each(zero, strips, [&](Index i) KFSTAB_INLINED { z[i][q] = sum[i][q]; }); });
   }
   KFSTAB_INLINE void turn() {
     const auto* t = reinterpret_cast<const double*>(panel->t);
     each(zero, all, [&](auto last) KFSTAB_INLINED {
       constexpr Constant<Q - 1 - decltype(last)::value> q{};
       const V diagonal = splat(t[q * width + q]);
-      each(zero, strips, [&](auto i) KFSTAB_INLINED { z[i][q] *= diagonal; });
-      each(zero, q, [&](auto before) KFSTAB_INLINED {
+      each(zero, strips, [&](Index i) KFSTAB_INLINED { z[i][q] *= diagonal; });
+      each(zero, q, [&](Index before) KFSTAB_INLINED {
         const V entry_t = splat(t[q * width + before]);
-        each(zero, strips, [&](auto i) KFSTAB_INLINED { z[i][q] = fma(z[i][before], entry_t, z[i][q]); });
+        each(zero, strips, [&](Index i) KFSTAB_INLINED { z[i][q] = fma(z[i][before], entry_t, z[i][q]); });
       });
     });
-    each_head_entry([&](auto k, auto q, V entry_q) KFSTAB_INLINED {
-      each(zero, strips, [&](auto i) KFSTAB_INLINED { head(i, k) = fma(z[i][q], entry_q, head(i, k)); });
+    each_head_entry([&](Index k, Index q, V entry_q) KFSTAB_INLINED {
+      each(zero, strips, [&](Index i) KFSTAB_INLINED { head(i, k) = fma(z[i][q], entry_q, head(i, k)); });
     });
   }
   KFSTAB_INLINE void subtract(Index first, Index last) {
     V f[R][Q];  // not in memory
-    each(zero, all, [&](auto q) KFSTAB_INLINED { each(zero, strips, [&](auto i) KFSTAB_INLINED { f[i][q] = z[i][q]; }); });
+    each(zero, all,
+         [&](Index q) KFSTAB_INLINED { each(zero, strips, [&](Index i) KFSTAB_INLINED { f[i][q] = z[i][q]; }); });
     for (Index k = first; k < last; ++k) {
       const double* x = X.entries(k);
       V column[R];
-      each(zero, strips, [&](auto i) KFSTAB_INLINED { column[i] = to(i, k); });
-      each(zero, all, [&](auto q) KFSTAB_INLINED {
+      each(zero, strips, [&](Index i) KFSTAB_INLINED { column[i] = to(i, k); });
+      each(zero, all, [&](Index q) KFSTAB_INLINED {
         const V entry_q = splat(x[q]);
-        each(zero, strips, [&](auto i) KFSTAB_INLINED { column[i] = fma(f[i][q], entry_q, column[i]); });
+        each(zero, strips, [&](Index i) KFSTAB_INLINED { column[i] = fma(f[i][q], entry_q, column[i]); });
       });
-      each(zero, strips, [&](auto i) KFSTAB_INLINED { to(i, k) = column[i]; });
+      each(zero, strips, [&](Index i) KFSTAB_INLINED { to(i, k) = column[i]; });
     }
   }
 
@@ -789,11 +792,11 @@ KFSTAB_INLINE void load_strip(const Layout& layout, const Source& X, Index row, 
   if (layout.transposed)
     for (; k + width <= end; k += width) {
       V tile[width];
-      each(zero, Constant<width>{}, [&](auto l) KFSTAB_INLINED {
+      each(zero, Constant<width>{}, [&](Index l) KFSTAB_INLINED {
         tile[l] = l < high ? load(layout.at(X, row + l, k)) : V{};
       });
       transpose(tile);
-      each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
+      each(zero, Constant<width>{}, [&](Index q) KFSTAB_INLINED {
         const Index low = k + q - band - row;
         to(0, k + q) = low <= 0 ? tile[q] : in_lanes(low, width, tile[q]);
       });
@@ -817,7 +820,7 @@ KFSTAB_INLINE void load_strips(const Layout& layout, const Source& X, Index rows
 KFSTAB_INLINE V store_tile(const Layout& layout, const Target& X, Index row, Index high, Index j, bool diagonal,
                            const Strips& strip) {
   V difference{}, tile[width];
-  each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
+  each(zero, Constant<width>{}, [&](Index q) KFSTAB_INLINED {
     tile[q] = diagonal && q >= high ? V{} : in_lanes(diagonal ? Index(q) : 0, high, strip(0, j + q));
     difference += tile[q] - tile[q];
     if (!layout.transposed && !(diagonal && q >= high))
@@ -825,7 +828,7 @@ KFSTAB_INLINE V store_tile(const Layout& layout, const Target& X, Index row, Ind
   });
   if (layout.transposed) {
     transpose(tile);
-    each(zero, Constant<width>{}, [&](auto l) KFSTAB_INLINED {
+    each(zero, Constant<width>{}, [&](Index l) KFSTAB_INLINED {
       if (l < high) store(layout.at(X, row + l, j), 1, 0, diagonal ? l + 1 : width, tile[l]);
     });
   }
@@ -894,13 +897,13 @@ __attribute__((noinline)) inline V information_state(const ArrayStep& step, cons
     if (step.U_transposed.data)
       for (Index k = 0; k < n; ++k) {
         const V x_k = splat(reinterpret_cast<const double*>(x)[k]);
-        each(zero, R, [&](auto i) KFSTAB_INLINED {
+        each(zero, R, [&](Index i) KFSTAB_INLINED {
           result[i] = fma(part(step.U_transposed.data + k * step.U_transposed.leading, v + i), x_k, result[i]);
         });
       }
     else
-      each(zero, R, [&](auto i) KFSTAB_INLINED { result[i] = x[v + i]; });
-    each(zero, R, [&](auto i) KFSTAB_INLINED {
+      each(zero, R, [&](Index i) KFSTAB_INLINED { result[i] = x[v + i]; });
+    each(zero, R, [&](Index i) KFSTAB_INLINED {
       difference += result[i] - result[i];
       const Index first = (v + i) * width;
       store(step.x_next + first, 1, 0, least(n - first, width), result[i]);
@@ -1061,9 +1064,9 @@ inline bool large_array_step(const ArrayStep& step) {
         for (Index j = 0; j < p; j += width) {
           V sum[decltype(R)::value][width] = {};
           for (Index k = 0; k < n; ++k) add_outer<decltype(R)::value, width>(sum, Ut.at(s, 0), k, K_entries(k, j));
-          each(zero, R, [&](auto i) KFSTAB_INLINED {
+          each(zero, R, [&](Index i) KFSTAB_INLINED {
             const Index row = (s + i) * width;
-            each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
+            each(zero, Constant<width>{}, [&](Index q) KFSTAB_INLINED {
               if (j + q < p) put(step.K, row, j + q, 0, least(n - row, width), sum[i][q]);
             });
           });

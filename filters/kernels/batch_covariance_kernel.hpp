@@ -16,16 +16,16 @@ KFSTAB_INLINE void multiply_tiles(First first, Last last, Column column, End col
   each_block<Rows>(first, last, [&](auto R, auto i) KFSTAB_INLINED {
     each_block<Columns>(column, columns, [&](auto Q, auto j) KFSTAB_INLINED {
       T sum[decltype(R)::value][decltype(Q)::value] = {};
-      each(zero, length, [&](auto k) KFSTAB_INLINED {
+      each(zero, length, [&](Index k) KFSTAB_INLINED {
         T left[decltype(R)::value];
-        each(zero, R, [&](auto r) KFSTAB_INLINED { left[r] = x(i + r, k); });
-        each(zero, Q, [&](auto q) KFSTAB_INLINED {
+        each(zero, R, [&](Index r) KFSTAB_INLINED { left[r] = x(i + r, k); });
+        each(zero, Q, [&](Index q) KFSTAB_INLINED {
           const T right = y(k, j + q);
-          each(zero, R, [&](auto r) KFSTAB_INLINED { sum[r][q] = fma(left[r], right, sum[r][q]); });
+          each(zero, R, [&](Index r) KFSTAB_INLINED { sum[r][q] = fma(left[r], right, sum[r][q]); });
         });
       });
       each(zero, R,
-           [&](auto r) KFSTAB_INLINED { each(zero, Q, [&](auto q) KFSTAB_INLINED { to(i + r, j + q, sum[r][q]); }); });
+           [&](Index r) KFSTAB_INLINED { each(zero, Q, [&](Index q) KFSTAB_INLINED { to(i + r, j + q, sum[r][q]); }); });
     });
   });
 }
@@ -76,9 +76,9 @@ KFSTAB_INLINE auto batch_covariance_lanes(N n, M m, P p, const BatchCovarianceSt
   // The largest sum of a column of a symmetric matrix, by its lower triangle.
   const auto norm = [&](auto&& entry) KFSTAB_INLINED {
     T most{};
-    each(zero, p, [&](auto j) KFSTAB_INLINED { sums[j] = T{}; });
+    each(zero, p, [&](Index j) KFSTAB_INLINED { sums[j] = T{}; });
     each(zero, p, [&](auto j) KFSTAB_INLINED {
-      each(j, p, [&](auto i) KFSTAB_INLINED {
+      each(j, p, [&](Index i) KFSTAB_INLINED {
         const T size = magnitude(entry(i, j));
         sums[j] += size;
         if (i > j) sums[i] += size;
@@ -93,14 +93,14 @@ KFSTAB_INLINE auto batch_covariance_lanes(N n, M m, P p, const BatchCovarianceSt
   decltype(not_zero(T{})) bad{};
   each(zero, p, [&](auto j) KFSTAB_INLINED {
     T pivot = at_L(j, j);
-    each(zero, j, [&](auto k) KFSTAB_INLINED { pivot = fma(-at_L(j, k), at_L(j, k), pivot); });
+    each(zero, j, [&](Index k) KFSTAB_INLINED { pivot = fma(-at_L(j, k), at_L(j, k), pivot); });
     bad = bad | not_positive(pivot);
     const T diagonal = root(pivot);
     inverses[j] = inverse_of(diagonal);
     at_L(j, j) = diagonal;
-    each(j + one, p, [&](auto i) KFSTAB_INLINED {
+    each(j + one, p, [&](Index i) KFSTAB_INLINED {
       T sum = at_L(i, j);
-      each(zero, j, [&](auto k) KFSTAB_INLINED { sum = fma(-at_L(i, k), at_L(j, k), sum); });
+      each(zero, j, [&](Index k) KFSTAB_INLINED { sum = fma(-at_L(i, k), at_L(j, k), sum); });
       at_L(i, j) = sum * inverses[j];
     });
   });
@@ -108,9 +108,9 @@ KFSTAB_INLINE auto batch_covariance_lanes(N n, M m, P p, const BatchCovarianceSt
     put(rcond, 0, all_ones<T>());
   } else {
     invert_lower(p, inverses, square, at_L);
-    const T inverse_norm = norm([&](auto i, auto j) KFSTAB_INLINED {
+    const T inverse_norm = norm([&](Index i, Index j) KFSTAB_INLINED {
       T sum{};
-      each(i, p, [&](auto k) KFSTAB_INLINED { sum = fma(square[i * p + k], square[j * p + k], sum); });
+      each(i, p, [&](Index k) KFSTAB_INLINED { sum = fma(square[i * p + k], square[j * p + k], sum); });
       return sum;
     });
     put(rcond, 0, inverse_of(Re_norm * inverse_norm));
@@ -120,22 +120,22 @@ KFSTAB_INLINE auto batch_covariance_lanes(N n, M m, P p, const BatchCovarianceSt
   each_block<rows>(zero, n, [&](auto R, auto i) KFSTAB_INLINED {
     each(zero, p, [&](auto j) KFSTAB_INLINED {
       T sum[decltype(R)::value];
-      each(zero, R, [&](auto r) KFSTAB_INLINED { sum[r] = at_W(i + r, j); });
-      each(zero, j, [&](auto k) KFSTAB_INLINED {
+      each(zero, R, [&](Index r) KFSTAB_INLINED { sum[r] = at_W(i + r, j); });
+      each(zero, j, [&](Index k) KFSTAB_INLINED {
         const T minus = -at_L(j, k);
-        each(zero, R, [&](auto r) KFSTAB_INLINED { sum[r] = fma(minus, at_W(i + r, k), sum[r]); });
+        each(zero, R, [&](Index r) KFSTAB_INLINED { sum[r] = fma(minus, at_W(i + r, k), sum[r]); });
       });
-      each(zero, R, [&](auto r) KFSTAB_INLINED { at_W(i + r, j) = sum[r] * inverses[j]; });
+      each(zero, R, [&](Index r) KFSTAB_INLINED { at_W(i + r, j) = sum[r] * inverses[j]; });
     });
     each(zero, p, [&](auto before) KFSTAB_INLINED {
       const auto j = p - one - before;
       T sum[decltype(R)::value];
-      each(zero, R, [&](auto r) KFSTAB_INLINED { sum[r] = at_W(i + r, j); });
-      each(j + one, p, [&](auto k) KFSTAB_INLINED {
+      each(zero, R, [&](Index r) KFSTAB_INLINED { sum[r] = at_W(i + r, j); });
+      each(j + one, p, [&](Index k) KFSTAB_INLINED {
         const T minus = -at_L(k, j);
-        each(zero, R, [&](auto r) KFSTAB_INLINED { sum[r] = fma(minus, gain[i + r + k * n], sum[r]); });
+        each(zero, R, [&](Index r) KFSTAB_INLINED { sum[r] = fma(minus, gain[i + r + k * n], sum[r]); });
       });
-      each(zero, R, [&](auto r) KFSTAB_INLINED {
+      each(zero, R, [&](Index r) KFSTAB_INLINED {
         gain[i + r + j * n] = sum[r] * inverses[j];
         put(K, i + r + j * n, gain[i + r + j * n]);
       });
@@ -143,9 +143,9 @@ KFSTAB_INLINE auto batch_covariance_lanes(N n, M m, P p, const BatchCovarianceSt
   });
 
   if (x.data) {
-    each(zero, p, [&](auto i) KFSTAB_INLINED {
+    each(zero, p, [&](Index i) KFSTAB_INLINED {
       T sum = y.get(i);
-      each(zero, n, [&](auto k) KFSTAB_INLINED { sum = fma(-C(i, k), x.get(k), sum); });
+      each(zero, n, [&](Index k) KFSTAB_INLINED { sum = fma(-C(i, k), x.get(k), sum); });
       innovation[i] = sum;
     });
     multiply_tiles<T, rows, 1>(
@@ -160,7 +160,7 @@ KFSTAB_INLINE auto batch_covariance_lanes(N n, M m, P p, const BatchCovarianceSt
   // P_{k|k} = P - W W', both triangles of it by the lower one
   const auto at_F = [&](Index i, Index j) KFSTAB_INLINED -> T& { return F[i + j * n]; };
   const auto W_transposed = [&](Index k, Index j) KFSTAB_INLINED { return at_W(j, k); };
-  each_block<tile_columns>(zero, n, [&](auto Q, auto j) KFSTAB_INLINED {
+  each_block<tile_columns>(zero, n, [&](auto Q, Index j) KFSTAB_INLINED {
     multiply_tiles<T, rows, decltype(Q)::value>(j, n, j, j + Q, p, at_W, W_transposed,
                                                 [&](Index i, Index q, T sum) KFSTAB_INLINED {
                                                   if (i < q) return;
@@ -175,7 +175,7 @@ KFSTAB_INLINE auto batch_covariance_lanes(N n, M m, P p, const BatchCovarianceSt
   multiply_tiles<T, rows, tile_columns>(
       zero, n, zero, m, m, B, [&](Index k, Index j) KFSTAB_INLINED { return given_Q.get(k + j * m); },
       [&](Index i, Index j, T sum) KFSTAB_INLINED { at_AF(i, n + j) = sum; });
-  each_block<tile_columns>(zero, n, [&](auto Q, auto j) KFSTAB_INLINED {
+  each_block<tile_columns>(zero, n, [&](auto Q, Index j) KFSTAB_INLINED {
     multiply_tiles<T, rows, decltype(Q)::value>(
         j, n, j, j + Q, n + m, at_AF, [&](Index k, Index q) KFSTAB_INLINED { return k < n ? A(q, k) : B(q, k - n); },
         [&](Index i, Index q, T sum) KFSTAB_INLINED {

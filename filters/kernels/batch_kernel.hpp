@@ -87,27 +87,27 @@ KFSTAB_INLINE auto batch_array_lanes(N n, M m, P p, Last last, const BatchArrayS
   const auto entry_of = [&](const LaneMatrix<T>& Y, Index rows, Index cols, Index i, Index j)
                             KFSTAB_INLINED { return Y.get(information ? j + i * cols : i + j * rows); };
   if (information && last == 1) {
-    each(zero, n, [&](auto i) KFSTAB_INLINED {
+    each(zero, n, [&](Index i) KFSTAB_INLINED {
       moved[i] = state.get(i);
       if (Du.data)
-        each(zero, n, [&](auto k) KFSTAB_INLINED { moved[i] = fma(entry_of(A, n, n, k, i), Du.get(k), moved[i]); });
+        each(zero, n, [&](Index k) KFSTAB_INLINED { moved[i] = fma(entry_of(A, n, n, k, i), Du.get(k), moved[i]); });
     });
     each(zero, p, [&](auto j) KFSTAB_INLINED {
       z[j] = T{};
       if (mean.data)
-        each(j, p, [&](auto k) KFSTAB_INLINED { z[j] = fma(-entry_of(R_root, p, p, k, j), mean.get(k), z[j]); });
+        each(j, p, [&](Index k) KFSTAB_INLINED { z[j] = fma(-entry_of(R_root, p, p, k, j), mean.get(k), z[j]); });
     });
   }
 
   // X(i, to + j) = sum over k >= j of Y(i, k) L(k, j) for R rows
-  const auto multiply = [&](auto R, auto i, auto to, const LaneMatrix<T>& L, auto size, auto Y) KFSTAB_INLINED {
+  const auto multiply = [&](auto R, auto i, Index to, const LaneMatrix<T>& L, auto size, auto Y) KFSTAB_INLINED {
     each(zero, size, [&](auto j) KFSTAB_INLINED {
       T sum[decltype(R)::value] = {};
-      each(j, size, [&](auto k) KFSTAB_INLINED {
+      each(j, size, [&](Index k) KFSTAB_INLINED {
         const T l = entry_of(L, size, size, k, j);
-        each(zero, R, [&](auto r) KFSTAB_INLINED { sum[r] = fma(Y(i + r, k), l, sum[r]); });
+        each(zero, R, [&](Index r) KFSTAB_INLINED { sum[r] = fma(Y(i + r, k), l, sum[r]); });
       });
-      each(zero, R, [&](auto r) KFSTAB_INLINED { X[(to + j) * end + i + r] = sum[r]; });
+      each(zero, R, [&](Index r) KFSTAB_INLINED { X[(to + j) * end + i + r] = sum[r]; });
     });
   };
   const auto of_C = [&](Index i, Index k) KFSTAB_INLINED { return entry_of(C, p, n, i, k); };
@@ -117,46 +117,46 @@ KFSTAB_INLINE auto batch_array_lanes(N n, M m, P p, Last last, const BatchArrayS
   each_block<rows_at_once>(p, states_end, [&](auto R, auto i) KFSTAB_INLINED { multiply(R, i, zero, S, n, of_A); });
   each_block<rows_at_once>(p, states_end, [&](auto R, auto i) KFSTAB_INLINED { multiply(R, i, n, Q, m, of_B); });
   each(zero, p, [&](auto j) KFSTAB_INLINED {
-    each(j, p, [&](auto i) KFSTAB_INLINED { head[j * end + i] = entry_of(R_root, p, p, i, j); });
-    each(p, states_end, [&](auto i) KFSTAB_INLINED { head[j * end + i] = T{}; });
+    each(j, p, [&](Index i) KFSTAB_INLINED { head[j * end + i] = entry_of(R_root, p, p, i, j); });
+    each(p, states_end, [&](Index i) KFSTAB_INLINED { head[j * end + i] = T{}; });
   });
   if (last == 1) {
     multiply(one, states_end, zero, S, n, [&](Index, Index k) KFSTAB_INLINED { return moved[k]; });
     multiply(one, states_end, n, Q, m, [&](Index, Index k) KFSTAB_INLINED { return output.get(k); });
-    each(zero, p, [&](auto j) KFSTAB_INLINED { head[j * end + states_end] = z[j]; });
+    each(zero, p, [&](Index j) KFSTAB_INLINED { head[j * end + states_end] = z[j]; });
   }
   // The right-hand sides of an information filter's gain, B Q Q'; behind them there will be the state's.
   if (information && K.data)
-    each_block<rows_at_once>(zero, n, [&](auto R, auto k) KFSTAB_INLINED {
+    each_block<rows_at_once>(zero, n, [&](auto R, Index k) KFSTAB_INLINED {
       each(zero, m, [&](auto j) KFSTAB_INLINED {
         T sum[decltype(R)::value] = {};
-        each(zero, j + one, [&](auto i) KFSTAB_INLINED {
+        each(zero, j + one, [&](Index i) KFSTAB_INLINED {
           const T l = entry_of(Q, m, m, j, i);
-          each(zero, R, [&](auto r) KFSTAB_INLINED { sum[r] = fma(X[(n + i) * end + p + k + r], l, sum[r]); });
+          each(zero, R, [&](Index r) KFSTAB_INLINED { sum[r] = fma(X[(n + i) * end + p + k + r], l, sum[r]); });
         });
-        each(zero, R, [&](auto r) KFSTAB_INLINED { gain[j * n + k + r] = sum[r]; });
+        each(zero, R, [&](Index r) KFSTAB_INLINED { gain[j * n + k + r] = sum[r]; });
       });
     });
 
   decltype(not_zero(T{})) bad{};
   LaneReflectors<T> is{};
   // The reflectors of row `row` with its alpha in `column`, x from column `first` on, up to `last_column`.
-  const auto make_reflectors = [&](auto row, const T* column, T x_square, auto first, auto last_column) KFSTAB_INLINED {
+  const auto make_reflectors = [&](Index row, const T* column, T x_square, auto first, auto last_column) KFSTAB_INLINED {
     is = lane_reflectors<!known>(column[row], x_square, bad, [&]() KFSTAB_INLINED {
       auto some = not_zero(column[row]);
-      each(first, last_column, [&](auto k) KFSTAB_INLINED { some = some | not_zero(X[k * end + row]); });
+      each(first, last_column, [&](Index k) KFSTAB_INLINED { some = some | not_zero(X[k * end + row]); });
       return some;
     });
   };
   // The first of a pass, and the products of its row with all rows behind it.
   const auto begin = [&](auto row, const T* column, auto first, auto last_column) KFSTAB_INLINED {
-    each_block<rows_at_once>(row, end, [&](auto R, auto i) KFSTAB_INLINED {
+    each_block<rows_at_once>(row, end, [&](auto R, Index i) KFSTAB_INLINED {
       T sum[decltype(R)::value] = {};
-      each(first, last_column, [&](auto k) KFSTAB_INLINED {
+      each(first, last_column, [&](Index k) KFSTAB_INLINED {
         const T y = X[k * end + row];
-        each(zero, R, [&](auto r) KFSTAB_INLINED { sum[r] = fma(X[k * end + i + r], y, sum[r]); });
+        each(zero, R, [&](Index r) KFSTAB_INLINED { sum[r] = fma(X[k * end + i + r], y, sum[r]); });
       });
-      each(zero, R, [&](auto r) KFSTAB_INLINED { w[i + r] = sum[r]; });
+      each(zero, R, [&](Index r) KFSTAB_INLINED { w[i + r] = sum[r]; });
     });
     make_reflectors(row, column, w[row], first, last_column);
   };
@@ -167,50 +167,50 @@ KFSTAB_INLINE auto batch_array_lanes(N n, M m, P p, Last last, const BatchArrayS
                            auto next_last) KFSTAB_INLINED {
     const auto next = j + one;
     column[j] = is.beta;
-    each(next, end, [&](auto i) KFSTAB_INLINED {
+    each(next, end, [&](Index i) KFSTAB_INLINED {
       f[i] = fma(column[i], is.pivot, w[i]) * is.d;
       column[i] = fma(f[i], is.pivot, column[i]);
     });
     if (next >= states_end) return;
-    const auto update = [&](auto i, auto k) KFSTAB_INLINED {
+    const auto update = [&](Index i, Index k) KFSTAB_INLINED {
       const T updated = fma(f[i], X[k * end + j], X[k * end + i]);
       X[k * end + i] = updated;
       return updated;
     };
     T sums[2] = {};
-    each(first, next_first, [&](auto k) KFSTAB_INLINED { update(next, k); });
-    each_column(next_first, last_column, [&](auto k, auto c) KFSTAB_INLINED {
+    each(first, next_first, [&](Index k) KFSTAB_INLINED { update(next, k); });
+    each_column(next_first, last_column, [&](Index k, Index c) KFSTAB_INLINED {
       const T x = update(next, k);
       sums[c % 2] = fma(x, x, sums[c % 2]);
     });
-    each_column(last_column, next_last, [&](auto k, auto c) KFSTAB_INLINED {
+    each_column(last_column, next_last, [&](Index k, Index c) KFSTAB_INLINED {
       const T x = X[k * end + next];
       sums[c % 2] = fma(x, x, sums[c % 2]);
     });
     w[next] = sums[0] + sums[1];
     make_reflectors(next, next_column, w[next], next_first, next_last);
-    each_block<rows_at_once>(next + one, end, [&](auto R, auto i) KFSTAB_INLINED {
+    each_block<rows_at_once>(next + one, end, [&](auto R, Index i) KFSTAB_INLINED {
       constexpr Index chains = decltype(R)::value == 1 ? 2 : 1;
       T sum[decltype(R)::value][chains] = {}, factor[decltype(R)::value];
-      each(zero, R, [&](auto r) KFSTAB_INLINED { factor[r] = f[i + r]; });
-      each(first, next_first, [&](auto k) KFSTAB_INLINED {
+      each(zero, R, [&](Index r) KFSTAB_INLINED { factor[r] = f[i + r]; });
+      each(first, next_first, [&](Index k) KFSTAB_INLINED {
         const T x = X[k * end + j];
-        each(zero, R, [&](auto r) KFSTAB_INLINED { X[k * end + i + r] = fma(factor[r], x, X[k * end + i + r]); });
+        each(zero, R, [&](Index r) KFSTAB_INLINED { X[k * end + i + r] = fma(factor[r], x, X[k * end + i + r]); });
       });
-      each_column(next_first, last_column, [&](auto k, auto c) KFSTAB_INLINED {
+      each_column(next_first, last_column, [&](Index k, Index c) KFSTAB_INLINED {
         const T x = X[k * end + j], y = X[k * end + next];
-        each(zero, R, [&](auto r) KFSTAB_INLINED {
+        each(zero, R, [&](Index r) KFSTAB_INLINED {
           const T updated = fma(factor[r], x, X[k * end + i + r]);
           X[k * end + i + r] = updated;
           sum[r][c % chains] = fma(updated, y, sum[r][c % chains]);
         });
       });
-      each_column(last_column, next_last, [&](auto k, auto c) KFSTAB_INLINED {
+      each_column(last_column, next_last, [&](Index k, Index c) KFSTAB_INLINED {
         const T y = X[k * end + next];
         each(zero, R,
-             [&](auto r) KFSTAB_INLINED { sum[r][c % chains] = fma(X[k * end + i + r], y, sum[r][c % chains]); });
+             [&](Index r) KFSTAB_INLINED { sum[r][c % chains] = fma(X[k * end + i + r], y, sum[r][c % chains]); });
       });
-      each(zero, R, [&](auto r) KFSTAB_INLINED {
+      each(zero, R, [&](Index r) KFSTAB_INLINED {
         w[i + r] = sum[r][0];
         if constexpr (chains == 2) w[i + r] += sum[r][1];
       });
@@ -235,52 +235,52 @@ KFSTAB_INLINE auto batch_array_lanes(N n, M m, P p, Last last, const BatchArrayS
     to.put(at, result);
   };
   each(zero, n, [&](auto j) KFSTAB_INLINED {
-    each(j, n, [&](auto i) KFSTAB_INLINED { put(S_next, information ? j + i * n : i + j * n, X[j * end + p + i]); });
+    each(j, n, [&](Index i) KFSTAB_INLINED { put(S_next, information ? j + i * n : i + j * n, X[j * end + p + i]); });
   });
   if (Re.data)
     each(zero, p, [&](auto j) KFSTAB_INLINED {
-      each(j, p, [&](auto i) KFSTAB_INLINED { put(Re, i + j * p, head[j * end + i]); });
+      each(j, p, [&](Index i) KFSTAB_INLINED { put(Re, i + j * p, head[j * end + i]); });
     });
 
   const auto invert_diagonal = [&](const T* diagonal, auto order) KFSTAB_INLINED {
-    each(zero, order, [&](auto j) KFSTAB_INLINED { inverses[j] = inverse_of(diagonal[j * end + j]); });
+    each(zero, order, [&](Index j) KFSTAB_INLINED { inverses[j] = inverse_of(diagonal[j * end + j]); });
   };
   if constexpr (information) {
     const auto L = [&](Index i, Index j) KFSTAB_INLINED { return X[j * end + p + i]; };  // T+'
     if (K.data || rcond.data || last == 1) invert_diagonal(X + p, n);
     if (rcond.data) put(rcond, 0, rcond_of_lower<true>(n, inverses, square, L));
-    const auto solve = [&](auto R, auto j, bool both) KFSTAB_INLINED {  // of columns j ... of gain
+    const auto solve = [&](auto R, Index j, bool both) KFSTAB_INLINED {  // of columns j ... of gain
       if (both)
         each(zero, n, [&](auto k) KFSTAB_INLINED {
           T sum[decltype(R)::value];
-          each(zero, R, [&](auto r) KFSTAB_INLINED { sum[r] = gain[(j + r) * n + k]; });
-          each(zero, k, [&](auto i) KFSTAB_INLINED {
+          each(zero, R, [&](Index r) KFSTAB_INLINED { sum[r] = gain[(j + r) * n + k]; });
+          each(zero, k, [&](Index i) KFSTAB_INLINED {
             const T minus = -L(k, i);
-            each(zero, R, [&](auto r) KFSTAB_INLINED { sum[r] = fma(minus, gain[(j + r) * n + i], sum[r]); });
+            each(zero, R, [&](Index r) KFSTAB_INLINED { sum[r] = fma(minus, gain[(j + r) * n + i], sum[r]); });
           });
-          each(zero, R, [&](auto r) KFSTAB_INLINED { gain[(j + r) * n + k] = sum[r] * inverses[k]; });
+          each(zero, R, [&](Index r) KFSTAB_INLINED { gain[(j + r) * n + k] = sum[r] * inverses[k]; });
         });
       each(zero, n, [&](auto before) KFSTAB_INLINED {
         const auto k = n - one - before;
         T sum[decltype(R)::value];
-        each(zero, R, [&](auto r) KFSTAB_INLINED { sum[r] = gain[(j + r) * n + k]; });
-        each(k + one, n, [&](auto i) KFSTAB_INLINED {
+        each(zero, R, [&](Index r) KFSTAB_INLINED { sum[r] = gain[(j + r) * n + k]; });
+        each(k + one, n, [&](Index i) KFSTAB_INLINED {
           const T minus = -L(i, k);
-          each(zero, R, [&](auto r) KFSTAB_INLINED { sum[r] = fma(minus, gain[(j + r) * n + i], sum[r]); });
+          each(zero, R, [&](Index r) KFSTAB_INLINED { sum[r] = fma(minus, gain[(j + r) * n + i], sum[r]); });
         });
-        each(zero, R, [&](auto r) KFSTAB_INLINED { gain[(j + r) * n + k] = sum[r] * inverses[k]; });
+        each(zero, R, [&](Index r) KFSTAB_INLINED { gain[(j + r) * n + k] = sum[r] * inverses[k]; });
       });
     };
     if (K.data) {
       each_block<4>(zero, m, [&](auto R, auto j) KFSTAB_INLINED { solve(R, j, true); });
       each(zero, m, [&](auto j) KFSTAB_INLINED {
-        each(zero, n, [&](auto k) KFSTAB_INLINED { put(K, k + j * n, gain[j * n + k]); });
+        each(zero, n, [&](Index k) KFSTAB_INLINED { put(K, k + j * n, gain[j * n + k]); });
       });
     }
     if (last == 1) {
-      each(zero, n, [&](auto k) KFSTAB_INLINED { gain[m * n + k] = X[k * end + states_end]; });
+      each(zero, n, [&](Index k) KFSTAB_INLINED { gain[m * n + k] = X[k * end + states_end]; });
       solve(one, m, false);
-      each(zero, n, [&](auto k) KFSTAB_INLINED { put(x_next, k, gain[m * n + k]); });
+      each(zero, n, [&](Index k) KFSTAB_INLINED { put(x_next, k, gain[m * n + k]); });
     }
   } else {
     const auto L = [&](Index i, Index j) KFSTAB_INLINED { return head[j * end + i]; };
@@ -291,12 +291,12 @@ KFSTAB_INLINE auto batch_array_lanes(N n, M m, P p, Last last, const BatchArrayS
         each(zero, p, [&](auto before) KFSTAB_INLINED {
           const auto j = p - one - before;
           T sum[decltype(R)::value];
-          each(zero, R, [&](auto r) KFSTAB_INLINED { sum[r] = head[j * end + i + r]; });
-          each(j + one, p, [&](auto k) KFSTAB_INLINED {
+          each(zero, R, [&](Index r) KFSTAB_INLINED { sum[r] = head[j * end + i + r]; });
+          each(j + one, p, [&](Index k) KFSTAB_INLINED {
             const T minus = -L(k, j);
-            each(zero, R, [&](auto r) KFSTAB_INLINED { sum[r] = fma(minus, head[k * end + i + r], sum[r]); });
+            each(zero, R, [&](Index r) KFSTAB_INLINED { sum[r] = fma(minus, head[k * end + i + r], sum[r]); });
           });
-          each(zero, R, [&](auto r) KFSTAB_INLINED {
+          each(zero, R, [&](Index r) KFSTAB_INLINED {
             const T x = sum[r] * inverses[j];
             head[j * end + i + r] = x;
             put(K, i - p + r + j * n, x);
@@ -306,19 +306,19 @@ KFSTAB_INLINE auto batch_array_lanes(N n, M m, P p, Last last, const BatchArrayS
     if (state.data) {
       each(zero, p, [&](auto i) KFSTAB_INLINED {
         z[i] = output.get(i);
-        each(zero, n, [&](auto k) KFSTAB_INLINED { z[i] = fma(-of_C(i, k), state.get(k), z[i]); });
+        each(zero, n, [&](Index k) KFSTAB_INLINED { z[i] = fma(-of_C(i, k), state.get(k), z[i]); });
       });
       each_block<4>(zero, n, [&](auto R, auto i) KFSTAB_INLINED {
         T sum[decltype(R)::value] = {};
-        if (Du.data) each(zero, R, [&](auto r) KFSTAB_INLINED { sum[r] = Du.get(i + r); });
-        each(zero, n, [&](auto k) KFSTAB_INLINED {
+        if (Du.data) each(zero, R, [&](Index r) KFSTAB_INLINED { sum[r] = Du.get(i + r); });
+        each(zero, n, [&](Index k) KFSTAB_INLINED {
           const T x = state.get(k);
-          each(zero, R, [&](auto r) KFSTAB_INLINED { sum[r] = fma(of_A(p + i + r, k), x, sum[r]); });
+          each(zero, R, [&](Index r) KFSTAB_INLINED { sum[r] = fma(of_A(p + i + r, k), x, sum[r]); });
         });
-        each(zero, p, [&](auto k) KFSTAB_INLINED {
-          each(zero, R, [&](auto r) KFSTAB_INLINED { sum[r] = fma(head[k * end + p + i + r], z[k], sum[r]); });
+        each(zero, p, [&](Index k) KFSTAB_INLINED {
+          each(zero, R, [&](Index r) KFSTAB_INLINED { sum[r] = fma(head[k * end + p + i + r], z[k], sum[r]); });
         });
-        each(zero, R, [&](auto r) KFSTAB_INLINED { put(x_next, i + r, sum[r]); });
+        each(zero, R, [&](Index r) KFSTAB_INLINED { put(x_next, i + r, sum[r]); });
       });
     }
   }

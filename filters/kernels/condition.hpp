@@ -40,7 +40,7 @@ KFSTAB_INLINE double norm_of_packed(const V* L, Index K, bool transposed) {
       V sum[width] = {};
       for (Index j = 0; j <= k; j += width) {
         const V* rows = L + packed_block(K, j) + (k - j);
-        each(zero, Constant<width>{}, [&](auto l) KFSTAB_INLINED {
+        each(zero, Constant<width>{}, [&](Index l) KFSTAB_INLINED {
           if (k + l < K) sum[l] += magnitude(rows[l]);
         });
       }
@@ -67,7 +67,7 @@ KFSTAB_INLINE double norm_of_inverse(const V* L, Index K, bool transposed, V* wo
       V rows[decltype(R)::value] = {};
       for (Index k = 0; k < order; ++k)
         each(zero, R, [&](auto i) KFSTAB_INLINED { rows[i] += magnitude(x(i, k)); });
-      each(zero, R, [&](auto i) KFSTAB_INLINED { most = larger(rows[i], most); });
+      each(zero, R, [&](Index i) KFSTAB_INLINED { most = larger(rows[i], most); });
     } else {
       for (Index k = 0; k < order; ++k)
         each(zero, R, [&](auto i) KFSTAB_INLINED { columns(0, k) += magnitude(x(i, k)); });
@@ -76,7 +76,7 @@ KFSTAB_INLINE double norm_of_inverse(const V* L, Index K, bool transposed, V* wo
   if (transposed) return largest_lane(most);
   for (Index k = 0; k < K; k += width) {
     V sum[width];
-    each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED { sum[q] = k + q < K ? columns(0, k + q) : V{}; });
+    each(zero, Constant<width>{}, [&](Index q) KFSTAB_INLINED { sum[q] = k + q < K ? columns(0, k + q) : V{}; });
     most = larger(sums_of_lanes(sum), most);
   }
   return largest_lane(most);

@@ -20,7 +20,7 @@ template <Part of_diagonal = Part::all>
 KFSTAB_INLINE void transpose_tile(const Strips& x, Index s, Index rows, Index t, Index columns, const Strips& to) {
   V tile[width], turned[width];
   each(zero, Constant<width>{},
-       [&](auto q) KFSTAB_INLINED { tile[q] = turned[q] = t * width + q < columns ? x(s, t * width + q) : V{}; });
+       [&](Index q) KFSTAB_INLINED { tile[q] = turned[q] = t * width + q < columns ? x(s, t * width + q) : V{}; });
   transpose(turned);
   for (Index l = 0; l < least(rows - s * width, width); ++l) {
     const bool diagonal = of_diagonal != Part::all && s == t;
@@ -42,7 +42,7 @@ KFSTAB_INLINE bool factor_columns(const Strips& H, Index t, Index last, P p) {
       if (q >= columns) return;
       V column = H(s, j + q) - sum[q];
       each(zero, q,
-           [&](auto k) KFSTAB_INLINED { column = fma(-H(s, j + k), splat(H.at(t, 0).entries(j + k)[q]), column); });
+           [&](Index k) KFSTAB_INLINED { column = fma(-H(s, j + k), splat(H.at(t, 0).entries(j + k)[q]), column); });
       if (diagonal) {
         const double pivot = lane<decltype(q)::value>(column)[0];
         definite = definite && pivot > 0;
@@ -55,7 +55,7 @@ KFSTAB_INLINE bool factor_columns(const Strips& H, Index t, Index last, P p) {
     V sum[decltype(R)::value][width] = {};
     const Strips left = H.at(s, 0), right = H.at(t, 0);
     for (Index k = 0; k < j; ++k) add_outer<decltype(R)::value>(sum, left, k, right.entries(k));
-    each(zero, R, [&](auto i) KFSTAB_INLINED { strip(s + i, sum[i], s + i == t); });
+    each(zero, R, [&](Index i) KFSTAB_INLINED { strip(s + i, sum[i], s + i == t); });
   };
   group(one, t);
   each_group(t + 1, last, most_strips, group);
@@ -112,11 +112,11 @@ KFSTAB_INLINE bool covariance_step(N n, M m, P p, const CovarianceStep& step, V*
     for (Index t = 0; t <= s; ++t) {  // of R the upper triangle
       V tile[width];
       const Index i = s * width, j = t * width;
-      each(zero, Constant<width>{}, [&](auto l) KFSTAB_INLINED {
+      each(zero, Constant<width>{}, [&](Index l) KFSTAB_INLINED {
         tile[l] = i + l < p ? load(step.R.data + j + (i + l) * step.R.leading, 1, 0, least(i + l - j + 1, width)) : V{};
       });
       transpose(tile);
-      each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
+      each(zero, Constant<width>{}, [&](Index q) KFSTAB_INLINED {
         if (j + q < p) H(s, j + q) += tile[q];
       });
     }

@@ -146,7 +146,7 @@ KFSTAB_INLINE void invert_lower(P p, const T* inverse_diagonal, T* X, Entry&& L)
     X[j * p + j] = inverse_diagonal[j];
     each(j + one, p, [&](auto i) KFSTAB_INLINED {
       T product{};
-      each(j, i, [&](auto k) KFSTAB_INLINED { product = fma(L(i, k), X[j * p + k], product); });
+      each(j, i, [&](Index k) KFSTAB_INLINED { product = fma(L(i, k), X[j * p + k], product); });
       X[j * p + i] = -product * inverse_diagonal[i];
     });
   });
@@ -159,9 +159,9 @@ KFSTAB_INLINE T norm_of_lower(P p, Entry&& L) {
   each(zero, p, [&](auto j) KFSTAB_INLINED {
     T sum{};
     if constexpr (of_rows)
-      each(zero, j + one, [&](auto k) KFSTAB_INLINED { sum += magnitude(L(j, k)); });
+      each(zero, j + one, [&](Index k) KFSTAB_INLINED { sum += magnitude(L(j, k)); });
     else
-      each(j, p, [&](auto i) KFSTAB_INLINED { sum += magnitude(L(i, j)); });
+      each(j, p, [&](Index i) KFSTAB_INLINED { sum += magnitude(L(i, j)); });
     norm = larger(sum, norm);
   });
   return norm;
@@ -176,7 +176,7 @@ KFSTAB_INLINE T rcond_of_lower(P p, const T* inverse_diagonal, T* X, Entry&& L) 
   invert_lower(p, inverse_diagonal, X, L);
   const T norm = norm_of_lower<transposed, T>(p, L);
   return inverse_of(norm *
-                    norm_of_lower<transposed, T>(p, [&](auto i, auto j) KFSTAB_INLINED { return X[j * p + i]; }));
+                    norm_of_lower<transposed, T>(p, [&](Index i, Index j) KFSTAB_INLINED { return X[j * p + i]; }));
 }
 
 }  // namespace kfstab::kernels::KFSTAB_KERNELS

@@ -33,19 +33,11 @@ KFSTAB_INLINE constexpr auto strips_of(Constant<Rows>) {
 }
 KFSTAB_INLINE constexpr Index strips_of(Index rows) { return (rows + width - 1) / width; }
 
-template <Index...>
-struct LaneList {};
-#if KFSTAB_VECTOR_WIDTH == 8
-using AllLanes = LaneList<0, 1, 2, 3, 4, 5, 6, 7>;
-#elif KFSTAB_VECTOR_WIDTH == 4
-using AllLanes = LaneList<0, 1, 2, 3>;
-#else
-using AllLanes = LaneList<0, 1>;
-#endif
+using AllLanes = IndicesBelow<width>;
 
 /// Lanes whose number has the bit `half` change places with those of b that have not: blocks of 2 x 2 blocks, transposed.
 template <Index half, Index... L>
-KFSTAB_INLINE void exchange(V& a, V& b, LaneList<L...>) {
+KFSTAB_INLINE void exchange(V& a, V& b, IndexList<L...>) {
   const V first = __builtin_shufflevector(a, b, ((L & half) ? width + L - half : L)...);
   b = __builtin_shufflevector(a, b, ((L & half) ? width + L : L + half)...);
   a = first;
@@ -83,10 +75,10 @@ inline constexpr Constant<width == 8 ? 3 : width == 4 ? 2 : 4> most_strips{};
 template <Index R, Index distance = 1, Index Q>
 KFSTAB_INLINE void add_outer(V (&sum)[R][Q], const Strips& x, Index k, const double* l) {
   V column[R];
-  each(zero, Constant<R>{}, [&](auto i) KFSTAB_INLINED { column[i] = x(i, k); });
-  each(zero, Constant<Q>{}, [&](auto q) KFSTAB_INLINED {
+  each(zero, Constant<R>{}, [&](Index i) KFSTAB_INLINED { column[i] = x(i, k); });
+  each(zero, Constant<Q>{}, [&](Index q) KFSTAB_INLINED {
     const V entry_q = splat(l[q * distance]);
-    each(zero, Constant<R>{}, [&](auto i) KFSTAB_INLINED { sum[i][q] = fma(column[i], entry_q, sum[i][q]); });
+    each(zero, Constant<R>{}, [&](Index i) KFSTAB_INLINED { sum[i][q] = fma(column[i], entry_q, sum[i][q]); });
   });
 }
 
@@ -108,12 +100,12 @@ KFSTAB_INLINE void pack_lower(const Layout& layout, const Source& L, Index K, V*
         for (Index l = 0; l < high; ++l) rows[l] = load(layout.at(L, k + l, j), 1, 0, least(k + l - j + 1, width));
       } else {
         V tile[width];
-        each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
+        each(zero, Constant<width>{}, [&](Index q) KFSTAB_INLINED {
           const Index low = j == k ? Index(q) : 0;
           tile[q] = low < high ? load(layout.at(L, k, j + q), 1, low, high) : V{};
         });
         transpose(tile);
-        each(zero, Constant<width>{}, [&](auto l) KFSTAB_INLINED {
+        each(zero, Constant<width>{}, [&](Index l) KFSTAB_INLINED {
           if (l < high) rows[l] = tile[l];
         });
       }
@@ -127,7 +119,7 @@ KFSTAB_INLINE void multiply_strips(const Strips& x, const V* L, Index K, Index e
     V sum[R][width] = {};
     for (Index k = j; k < least(K, end); ++k) add_outer<R>(sum, x, k, reinterpret_cast<const double*>(L + (k - j)));
     each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
-      if (j + q < K) each(zero, Constant<R>{}, [&](auto i) KFSTAB_INLINED { x(i, j + q) = sum[i][q]; });
+      if (j + q < K) each(zero, Constant<R>{}, [&](Index i) KFSTAB_INLINED { x(i, j + q) = sum[i][q]; });
     });
   }
 }
@@ -146,11 +138,11 @@ KFSTAB_INLINE void divide_strips(const Strips& x, const V* L, Index K, Index ord
       constexpr Constant<width - 1 - decltype(last)::value> q{};
       if (j + q >= order) return;
       const V inverse = splat(1 / l[q * width + q]);
-      each(zero, Constant<R>{}, [&](auto i) KFSTAB_INLINED { sum[i][q] = (x(i, j + q) - sum[i][q]) * inverse; });
-      each(zero, Constant<R>{}, [&](auto i) KFSTAB_INLINED { x(i, j + q) = sum[i][q]; });
-      each(zero, q, [&](auto before) KFSTAB_INLINED {
+      each(zero, Constant<R>{}, [&](Index i) KFSTAB_INLINED { sum[i][q] = (x(i, j + q) - sum[i][q]) * inverse; });
+      each(zero, Constant<R>{}, [&](Index i) KFSTAB_INLINED { x(i, j + q) = sum[i][q]; });
+      each(zero, q, [&](Index before) KFSTAB_INLINED {
         const V l_q = splat(l[q * width + before]);
-        each(zero, Constant<R>{}, [&](auto i) KFSTAB_INLINED { sum[i][before] = fma(sum[i][q], l_q, sum[i][before]); });
+        each(zero, Constant<R>{}, [&](Index i) KFSTAB_INLINED { sum[i][before] = fma(sum[i][q], l_q, sum[i][before]); });
       });
     });
   }
@@ -171,24 +163,24 @@ KFSTAB_INLINE void divide_strips_transposed(const Strips& x, const V* L, Index K
       if (j + q >= K) return;
       const V inverse = splat(1 / l[q * width + q]);
       V column[R];
-      each(zero, Constant<R>{}, [&](auto i) KFSTAB_INLINED { column[i] = x(i, j + q); });
-      each(zero, q, [&](auto before) KFSTAB_INLINED {
+      each(zero, Constant<R>{}, [&](Index i) KFSTAB_INLINED { column[i] = x(i, j + q); });
+      each(zero, q, [&](Index before) KFSTAB_INLINED {
         const V l_q = splat(l[q * width + before]);
-        each(zero, Constant<R>{}, [&](auto i) KFSTAB_INLINED { column[i] = fma(minus[i][before], l_q, column[i]); });
+        each(zero, Constant<R>{}, [&](Index i) KFSTAB_INLINED { column[i] = fma(minus[i][before], l_q, column[i]); });
       });
-      each(zero, Constant<R>{}, [&](auto i) KFSTAB_INLINED {
+      each(zero, Constant<R>{}, [&](Index i) KFSTAB_INLINED {
         x(i, j + q) = column[i] * inverse;
         minus[i][q] = -x(i, j + q);
       });
     });
     for (Index k = j + width; k < K; ++k) {
       V column[R];
-      each(zero, Constant<R>{}, [&](auto i) KFSTAB_INLINED { column[i] = x(i, k); });
-      each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
+      each(zero, Constant<R>{}, [&](Index i) KFSTAB_INLINED { column[i] = x(i, k); });
+      each(zero, Constant<width>{}, [&](Index q) KFSTAB_INLINED {
         const V l_q = splat(l[(k - j) * width + q]);
-        each(zero, Constant<R>{}, [&](auto i) KFSTAB_INLINED { column[i] = fma(minus[i][q], l_q, column[i]); });
+        each(zero, Constant<R>{}, [&](Index i) KFSTAB_INLINED { column[i] = fma(minus[i][q], l_q, column[i]); });
       });
-      each(zero, Constant<R>{}, [&](auto i) KFSTAB_INLINED { x(i, k) = column[i]; });
+      each(zero, Constant<R>{}, [&](Index i) KFSTAB_INLINED { x(i, k) = column[i]; });
     }
   }
 }
@@ -210,7 +202,8 @@ __attribute__((noinline)) inline void divide_row(V* x, const V* L, Index K) {
     V sum[4] = {}, left, done{};
     Index k = j + width;
     for (; k + 4 <= K; k += 4)
-      each(zero, Constant<4>{}, [&](auto c) KFSTAB_INLINED { sum[c] = fma(block[k + c - j], splat(entries[k + c]), sum[c]); });
+      each(zero, Constant<4>{},
+           [&](Index c) KFSTAB_INLINED { sum[c] = fma(block[k + c - j], splat(entries[k + c]), sum[c]); });
     for (; k < K; ++k) sum[0] = fma(block[k - j], splat(entries[k]), sum[0]);
     left = x[j / width] - ((sum[0] + sum[1]) + (sum[2] + sum[3]));
     each(zero, Constant<width>{}, [&](auto last) KFSTAB_INLINED {
@@ -231,7 +224,7 @@ __attribute__((noinline)) inline void divide_row_transposed(V* x, const V* L, In
       V sum[width] = {};
       for (Index before = 0; before < j; before += width) {
         const V* row = L + packed_block(K, before) + (j - before);
-        each(zero, rows, [&](auto q) KFSTAB_INLINED { sum[q] = fma(row[q], x[before / width], sum[q]); });
+        each(zero, rows, [&](Index q) KFSTAB_INLINED { sum[q] = fma(row[q], x[before / width], sum[q]); });
       }
       return sums_of_lanes(sum);
     };
@@ -240,7 +233,7 @@ __attribute__((noinline)) inline void divide_row_transposed(V* x, const V* L, In
     const Index rows = least(K - j, width);
     V left = x[j / width] - (rows == width ? products_of_rows(Constant<width>{}) : products_of_rows(rows)), done{};
     V columns[width];
-    each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED { columns[q] = q < rows ? block[q] : V{}; });
+    each(zero, Constant<width>{}, [&](Index q) KFSTAB_INLINED { columns[q] = q < rows ? block[q] : V{}; });
     transpose(columns);
     each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
       if (q >= rows) return;
@@ -254,7 +247,7 @@ __attribute__((noinline)) inline void divide_row_transposed(V* x, const V* L, In
 
 /// f of all lanes, two and two, in each.
 template <Index half = width / 2, class F, Index... L>
-KFSTAB_INLINE V fold_lanes(V x, F&& f, LaneList<L...> lanes) {
+KFSTAB_INLINE V fold_lanes(V x, F&& f, IndexList<L...> lanes) {
   x = f(x, __builtin_shufflevector(x, x, (L ^ half)...));
   if constexpr (half > 1) return fold_lanes<half / 2>(x, f, lanes);
   return x;
@@ -284,15 +277,15 @@ KFSTAB_INLINE void multiply_sized(const Strips& out, const Strips& x, Index firs
           if (part == Part::upper && s > t) continue;
           V sum[decltype(R)::value][width];
           const Index j = t * width;
-          each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
+          each(zero, Constant<width>{}, [&](Index q) KFSTAB_INLINED {
             each(zero, R,
-                 [&](auto i) KFSTAB_INLINED { sum[i][q] = k0 > 0 && j + q < columns ? out(s + i, j + q) : V{}; });
+                 [&](Index i) KFSTAB_INLINED { sum[i][q] = k0 > 0 && j + q < columns ? out(s + i, j + q) : V{}; });
           });
           const Strips left = x.at(s, 0), right = y.at(t, 0);
           for (Index k = k0; k < least(k0 + depth, count); ++k)
             add_outer<decltype(R)::value>(sum, left, k, right.entries(k));
-          each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
-            if (j + q < columns) each(zero, R, [&](auto i) KFSTAB_INLINED { out(s + i, j + q) = sum[i][q]; });
+          each(zero, Constant<width>{}, [&](Index q) KFSTAB_INLINED {
+            if (j + q < columns) each(zero, R, [&](Index i) KFSTAB_INLINED { out(s + i, j + q) = sum[i][q]; });
           });
         }
     });

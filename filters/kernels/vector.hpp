@@ -195,13 +195,28 @@ KFSTAB_INLINE constexpr Constant<A - B> operator-(Constant<A>, Constant<B>) {
   return {};
 }
 
-/// f(i) for i = first ... last - 1.
+/// 0 ... count - 1.
+template <Index...>
+struct IndexList {};
+#if defined(__clang__)
+template <class, Index... I>
+using IndexListOf = IndexList<I...>;
+template <Index count>
+using IndicesBelow = __make_integer_seq<IndexListOf, Index, count>;
+#else
+template <Index count>
+using IndicesBelow = IndexList<__integer_pack(count)...>;
+#endif
+
+/// f(i) for i = first ... last - 1. Where f takes an Index and not a Constant it is compiled once, and still unrolled. Not by
+/// recursion: a compiler that inlines one call after the other would look at what follows the i-th i times.
+template <Index First, Index... I, class F>
+KFSTAB_INLINE void each_in(IndexList<I...>, F&& f) {
+  (f(Constant<First + I>{}), ...);
+}
 template <Index First, Index Last, class F>
-KFSTAB_INLINE void each(Constant<First>, Constant<Last> last, F&& f) {
-  if constexpr (First < Last) {
-    f(Constant<First>{});
-    each(Constant<First + 1>{}, last, f);
-  }
+KFSTAB_INLINE void each(Constant<First>, Constant<Last>, F&& f) {
+  if constexpr (First < Last) each_in<First>(IndicesBelow<Last - First>{}, f);
 }
 template <class F>
 KFSTAB_INLINE void each(Index first, Index last, F&& f) {

@@ -6,6 +6,7 @@
 
 #include <cmath>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "filters/fixed_kernels.hpp"
@@ -248,6 +249,24 @@ TYPED_TEST(BatchOf, IsSoManyFilters) {
     for (const Dimensions& d : {Dimensions{4, 2, 2}, Dimensions{1, 1, 1}, Dimensions{5, 3, 7}, Dimensions{3, 0, 2},
                                 Dimensions{6, 2, 0}, Dimensions{0, 0, 1}, Dimensions{9, 4, 3}, Dimensions{12, 3, 5}})
       expect_so_many_filters<TypeParam>(isa, d);
+}
+
+TYPED_TEST(BatchOf, IsDoneByTheKernelsItIsTold) {
+  const Dimensions d{4, 2, 2};
+  const auto all = random_filters<TypeParam>(d, 3);
+  const auto held = [&](std::string_view isa, const kernels::Kernels* told) {
+    const WithKernels with(isa);
+    auto batch = batch_of(all);
+    batch.use(told);
+    batch.step(true);
+    return batch.held(2);
+  };
+  for (const kernels::Kernels& told : kernels::available())
+    for (const std::string& in_use : all_kernels()) EXPECT_EQ(held(in_use, &told), held(told.isa, nullptr)) << in_use;
+  TypeParam alone(d);  // by the plain text, which differs from kernels in the last bits
+  step_alone(alone, all[2], true, Wanted::all);
+  EXPECT_EQ(held("plain", nullptr), held_alone(alone));
+  EXPECT_NE(held("plain", kernels::least()), held_alone(alone));
 }
 
 TEST(Batch, TakesFiltersOfKnownSizes) {
