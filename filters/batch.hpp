@@ -105,7 +105,8 @@ class Batch {
   static_assert(conventional || covariance_root || information, "there are no batches of this filter");
   /// Whether the kernel is one for these sizes, in the user's source. The array of the information form is that of the dual
   /// system.
-  static constexpr bool of_its_own = information ? kernels::batch_of_its_own<N, P, M>() : kernels::batch_of_its_own<N, M, P>();
+  static constexpr bool of_its_own =
+      information ? kernels::batch_of_its_own<N, P, M>() : kernels::batch_of_its_own<N, M, P>();
 
   /// @param count  how many    @param d  the shape of each
   /// @param tolerance  as the filter's, and <= 0 means the filter's own
@@ -326,49 +327,49 @@ class Batch {
     kernels::Eight *gain = has_gain ? next_gain_.eights.data() : nullptr,
                    *rcond = has_rcond ? rcond_.eights.data() : nullptr;
     if constexpr (conventional) {
-      kernels::run_sized<of_its_own, N, M, P>(kernels::BatchCovarianceStep{.groups = groups_,
-                                                               .n = d_.n,
-                                                               .m = d_.m,
-                                                               .p = d_.p,
-                                                               .A = A_.eights.data(),
-                                                               .B = B_.eights.data(),
-                                                               .C = C_.eights.data(),
-                                                               .P = held_.eights.data(),
-                                                               .Q = Q_.eights.data(),
-                                                               .R = R_.eights.data(),
-                                                               .x = x,
-                                                               .y = y_.eights.data(),
-                                                               .Du = Du,
-                                                               .P_next = next_.eights.data(),
-                                                               .K = gain,
-                                                               .rcond = rcond,
-                                                               .x_next = next_x_.eights.data(),
-                                                               .gave_up = gave_up_.data(),
-                                                               .work = kernel_work_.data()},
-                                   chosen_);
+      const kernels::BatchCovarianceStep step{.groups = groups_,
+                                              .n = d_.n,
+                                              .m = d_.m,
+                                              .p = d_.p,
+                                              .A = A_.eights.data(),
+                                              .B = B_.eights.data(),
+                                              .C = C_.eights.data(),
+                                              .P = held_.eights.data(),
+                                              .Q = Q_.eights.data(),
+                                              .R = R_.eights.data(),
+                                              .x = x,
+                                              .y = y_.eights.data(),
+                                              .Du = Du,
+                                              .P_next = next_.eights.data(),
+                                              .K = gain,
+                                              .rcond = rcond,
+                                              .x_next = next_x_.eights.data(),
+                                              .gave_up = gave_up_.data(),
+                                              .work = kernel_work_.data()};
+      kernels::run_sized<of_its_own, N, M, P>(step, chosen_);
     } else {
-      kernels::BatchArrayStep step{.groups = groups_,
-                                   .n = d_.n,
-                                   .m = information ? d_.p : d_.m,
-                                   .p = information ? d_.m : d_.p,
-                                   .information = information,
-                                   .A = A_.eights.data(),
-                                   .B = (information ? C_ : B_).eights.data(),
-                                   .C = (information ? B_ : C_).eights.data(),
-                                   .S = held_.eights.data(),
-                                   .Q = (information ? R_ : Q_).eights.data(),
-                                   .R = (information ? Q_ : R_).eights.data(),
-                                   .x = x,
-                                   .y = y_.eights.data(),
-                                   .Du = Du,
-                                   .w = has_mean_ ? w_.eights.data() : nullptr,
-                                   .S_next = next_.eights.data(),
-                                   .Re = covariance_root ? next_root_.eights.data() : nullptr,
-                                   .K = gain,
-                                   .rcond = rcond,
-                                   .x_next = next_x_.eights.data(),
-                                   .gave_up = gave_up_.data(),
-                                   .work = kernel_work_.data()};
+      const kernels::BatchArrayStep step{.groups = groups_,
+                                         .n = d_.n,
+                                         .m = information ? d_.p : d_.m,
+                                         .p = information ? d_.m : d_.p,
+                                         .information = information,
+                                         .A = A_.eights.data(),
+                                         .B = (information ? C_ : B_).eights.data(),
+                                         .C = (information ? B_ : C_).eights.data(),
+                                         .S = held_.eights.data(),
+                                         .Q = (information ? R_ : Q_).eights.data(),
+                                         .R = (information ? Q_ : R_).eights.data(),
+                                         .x = x,
+                                         .y = y_.eights.data(),
+                                         .Du = Du,
+                                         .w = has_mean_ ? w_.eights.data() : nullptr,
+                                         .S_next = next_.eights.data(),
+                                         .Re = covariance_root ? next_root_.eights.data() : nullptr,
+                                         .K = gain,
+                                         .rcond = rcond,
+                                         .x_next = next_x_.eights.data(),
+                                         .gave_up = gave_up_.data(),
+                                         .work = kernel_work_.data()};
       if constexpr (information)
         kernels::run_sized<of_its_own, N, P, M, true>(step, chosen_);
       else

@@ -65,8 +65,8 @@ double level(const Metadata& metadata, const Integrator& what) {
   return worst;
 }
 
-/// The levels of srcf for some at once, of which the last has the most steps: all do as many. Where the plain text is in use it is
-/// joined by kernels that have the same numbers on every machine.
+/// The levels of srcf for some at once, of which the last has the most steps: all do as many. The plain text, where that is in
+/// use, steps no batches: they are then left to the kernels that every machine has.
 std::vector<double> levels(std::span<const Integrator> some) {
   const auto count = static_cast<Index>(some.size());
   const std::int64_t steps = some.back().system.steps;
