@@ -36,7 +36,7 @@ std::span<const Kernels> available();
 
 /// Those that every machine has which can run the library, on x86-64 without fused multiply-adds: the same numbers on all. Null
 /// where there are none.
-inline const Kernels* least() { return available().empty() ? nullptr : &available().front(); }
+inline const Kernels* everywhere() { return available().empty() ? nullptr : &available().front(); }
 
 /// Those in use: what KFSTAB_ISA in the environment says, else the fastest. Null for KFSTAB_ISA=plain: the plain text.
 const Kernels* in_use();

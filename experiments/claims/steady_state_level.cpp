@@ -71,7 +71,7 @@ std::vector<double> levels(std::span<const Integrator> some) {
   const auto count = static_cast<Index>(some.size());
   const std::int64_t steps = some.back().system.steps;
   Batch<SquareRootCovarianceFilter<double>> batch(count, some.back().system.dimensions());
-  if (!kernels::in_use()) batch.use(kernels::least());
+  if (!kernels::in_use()) batch.use(kernels::everywhere());
   for (Index i = 0; i < count; ++i) {
     const auto any = problem_of(some[static_cast<std::size_t>(i)].system, Parametrisation::root);
     const auto& problem = std::get<Problem<RootModel<double>>>(any);

@@ -409,6 +409,11 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
   // follow.
   const auto reflect = [&](auto row, auto from) KFSTAB_INLINED {
     V(&pivots)[vectors] = pivot_column(row);
+    const auto next = after(row, rows);
+    if (next == row && !size.has_last) {  // it has no row below: nobody waits for d
+      pivots[from] = with_lane(row % width, pivots[from], splat(is.beta));
+      return;
+    }
     V f[vectors];
     const V pivot = splat(is.pivot), d = splat(is.d);
     each(from, all, [&](Index v) KFSTAB_INLINED {
@@ -423,13 +428,11 @@ KFSTAB_INLINE bool small_array_step(const Sizes& size, const ArrayStep& step) {
     const auto update = [&](Index k, Index v, V x) KFSTAB_INLINED {
       if (k < end) X[k][v] = fma(f[v], x, X[k][v]);
     };
-    const auto next = after(row, rows);
     if (next == row) {
-      if (size.has_last)
-        each(first, end, [&](Index k) KFSTAB_INLINED {
-          const V x = lane(X[k][from], row);
-          each(from, all, [&](Index v) KFSTAB_INLINED { update(k, v, x); });
-        });
+      each(first, end, [&](Index k) KFSTAB_INLINED {
+        const V x = lane(X[k][from], row);
+        each(from, all, [&](Index v) KFSTAB_INLINED { update(k, v, x); });
+      });
       return;
     }
     clear_products(from);
@@ -871,9 +874,8 @@ KFSTAB_INLINE Strips small_BQ(const ArrayStep& step, const Places& at) {
   const Layout layout{step.transposed};
   const Strips BQ{at.X.column, step.m};
   if (step.QQB.data) return BQ;
-  pack_lower(layout, step.Q, step.m, at.packed);
   load_strips(layout, step.B, step.n, step.m, step.n + step.m, strips_of(step.n), BQ);
-  for (Index s = 0; s < strips_of(step.n); ++s) multiply_strips<1>(BQ.at(s, 0), at.packed, step.m, step.m);
+  for (Index s = 0; s < strips_of(step.n); ++s) multiply_strips<1>(BQ.at(s, 0), {layout, step.Q}, step.m, step.m);
   return BQ;
 }
 
@@ -971,21 +973,23 @@ inline bool large_array_step(const ArrayStep& step) {
     for (Index k = 0; k < p; ++k) head(last_strip, k)[last_lane] = step.z[k];
   }
 
-  pack_lower(layout, step.S, n, packed);
+  // Rows of S that are far from each other are fetched from memory again and again, and packed rows lie one after the other.
+  const bool pack = layout.transposed && n > 128;
+  if (pack) pack_lower(layout, step.S, n, packed);
+  const Lower S = pack ? Lower(packed) : Lower(layout, step.S);
   const auto multiply_by_S = [&](Index first, Index last, Index band) KFSTAB_INLINED {
     each_group(first, last, most_strips, [&](auto R, Index s) KFSTAB_INLINED {
       const bool full = has_last && s + R > last_strip;
       const Index end = full ? n : (s - first + R) * width + band;
-      multiply_strips<decltype(R)::value>(AS.at(s, 0), packed, n, end);
+      multiply_strips<decltype(R)::value>(AS.at(s, 0), S, n, end);
     });
   };
   multiply_by_S(0, C_strips, step.C_band);
   multiply_by_S(C_strips, strips, step.A_band);
-  if (step.Q.data) {
-    pack_lower(layout, step.Q, m, packed);
-    each_group(C_strips, strips, most_strips,
-               [&](auto R, Index s) KFSTAB_INLINED { multiply_strips<decltype(R)::value>(BQ.at(s, 0), packed, m, m); });
-  }
+  if (step.Q.data)
+    each_group(C_strips, strips, most_strips, [&](auto R, Index s) KFSTAB_INLINED {
+      multiply_strips<decltype(R)::value>(BQ.at(s, 0), {layout, step.Q}, m, m);
+    });
   if (step.Kf.data) prepare_gain(step, at, BQ.at(C_strips, 0));
 
   bool ok = true;

@@ -5,12 +5,13 @@
 #ifdef KFSTAB_KERNELS
 
 /// The reciprocal condition number of a packed triangle L in the 1-norm, or of its transpose: what
-/// reciprocal_condition_triangular of linear_solve.hpp computes. In a solve every entry waits for those before it. So up to some
-/// order L^{-1} itself costs less than the half dozen solves, one after the other, that an estimate takes, and its norm is no
-/// estimate.
+/// reciprocal_condition_triangular of linear_solve.hpp computes, half a dozen solves one after the other, in each of which every
+/// entry waits for those before it. Up to some order L^{-1} itself costs less, and its norm is no estimate. Beyond, as an
+/// estimate needs no more than a digit, blocks of `width` on the diagonal are inverted before, none of which waits for another,
+/// and a solve goes from block to block.
 namespace kfstab::kernels::KFSTAB_KERNELS {
 
-inline constexpr Index greatest_inverse = 6 * width;
+inline constexpr Index greatest_inverse = 3 * width;
 
 KFSTAB_INLINE V magnitude(V x) { return (V)((Lanes)x & 0x7fffffffffffffff); }
 /// NaN where one of them is.
@@ -82,15 +83,74 @@ KFSTAB_INLINE double norm_of_inverse(const V* L, Index K, bool transposed, V* wo
   return largest_lane(most);
 }
 
-/// An estimate of the same from below, as reciprocal_condition of linear_solve.hpp makes it. work: 3 strips_of(K) vectors
+/// The inverses of the blocks on the diagonal of a packed triangle, by rows and by columns: row j, or column j, is a vector.
+struct DiagonalInverses {
+  V *rows, *columns;
+
+  KFSTAB_INLINE DiagonalInverses(const V* L, Index K, V* work) : rows(work), columns(work + strips_of(K) * width) {
+    for (Index j = 0; j < K; j += width) {
+      const auto* l =
+          reinterpret_cast<const double*>(L + packed_block(K, j));  // entry (j + k, j + q) is l[k width + q]
+      const Index high = least(K - j, width);
+      V W[width], diagonal = splat(1);
+      for (Index i = 0; i < high; ++i) diagonal[i] = l[i * width + i];
+      const V inverse = splat(1) / diagonal;
+      each(zero, Constant<width>{}, [&](auto i) KFSTAB_INLINED {
+        V row{};  // what is behind the last one makes no contribution
+        if (i < high) {
+          row = with_lane(i, row, splat(1));
+          each(zero, i, [&](Index k) KFSTAB_INLINED { row = fma(splat(-l[i * width + k]), W[k], row); });
+        }
+        W[i] = row * lane<decltype(i)::value>(inverse);
+        rows[j + i] = W[i];
+      });
+      transpose(W);
+      each(zero, Constant<width>{}, [&](Index q) KFSTAB_INLINED { columns[j + q] = W[q]; });
+    }
+  }
+};
+
+/// The sum of left[q] x[q]: a row times a matrix of these rows.
+KFSTAB_INLINE V times_rows(V left, const V* x) {
+  V sum[2] = {};
+  each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
+    constexpr Index chain = decltype(q)::value % 2;
+    sum[chain] = fma(lane<decltype(q)::value>(left), x[q], sum[chain]);
+  });
+  return sum[0] + sum[1];
+}
+
+/// x := x L^{-1} for one row, as divide_row.
+__attribute__((noinline)) inline void solve_row(V* x, const V* L, Index K, const DiagonalInverses& of) {
+  divide_row(x, L, K, [&](Index j, V left) KFSTAB_INLINED { return times_rows(left, of.rows + j); });
+}
+/// x := x L'^{-1}.
+__attribute__((noinline)) inline void solve_row_transposed(V* x, const V* L, Index K, const DiagonalInverses& of) {
+  for (Index j = 0; j < K; j += width) {
+    const auto products_of_rows = [&](auto rows) KFSTAB_INLINED {
+      V sum[width] = {};
+      for (Index before = 0; before < j; before += width) {
+        const V* row = L + packed_block(K, before) + (j - before);
+        each(zero, rows, [&](Index q) KFSTAB_INLINED { sum[q] = fma(row[q], x[before / width], sum[q]); });
+      }
+      return sums_of_lanes(sum);
+    };
+    const Index rows = least(K - j, width);
+    const V products = rows == width ? products_of_rows(Constant<width>{}) : products_of_rows(rows);
+    x[j / width] = times_rows(x[j / width] - products, of.columns + j);
+  }
+}
+
+/// An estimate of the same from below, as reciprocal_condition of linear_solve.hpp makes it. work: (3 + 2 width) strips_of(K) vectors
 __attribute__((noinline)) inline double estimate_of_inverse(const V* L, Index K, bool transposed, V* work) {
   const Index vectors = strips_of(K);
   V *const x = work, *const sign = work + vectors, *const alternating = work + 2 * vectors;
+  const DiagonalInverses inverses(L, K, work + 3 * vectors);
   const auto solve = [&](V* y, bool other) KFSTAB_INLINED {  // y := M^{-1} y; other: M'^{-1} y, M = L or L'
     if (transposed != other)
-      divide_row(y, L, K);
+      solve_row(y, L, K, inverses);
     else
-      divide_row_transposed(y, L, K);
+      solve_row_transposed(y, L, K, inverses);
   };
   const auto sum = [&](const V* y) KFSTAB_INLINED {
     V s{};
@@ -98,28 +158,31 @@ __attribute__((noinline)) inline double estimate_of_inverse(const V* L, Index K,
     return sum_of_lanes(s);
   };
   const auto signs = [&]() KFSTAB_INLINED {
-    bool same = true;
+    Lanes other{};
     for (Index v = 0; v < vectors; ++v) {
       const V s = x[v] < 0 ? splat(-1) : splat(1);
-      same = same && all_zero(s - sign[v]);
+      other |= s != sign[v];
       sign[v] = s;
     }
-    return same;
+    return !any(other);
   };
   const auto size = [&](Index k) KFSTAB_INLINED { return magnitude(splat(x[k / width][k % width]))[0]; };
   const auto largest = [&]() KFSTAB_INLINED {
-    Index at = 0;
-    for (Index k = 1; k < K; ++k)
-      if (size(k) > size(at)) at = k;
-    return at;
+    V most{};
+    for (Index v = 0; v < vectors; ++v) most = larger(magnitude(x[v]), most);
+    const V all = splat(largest_lane(most));
+    for (Index v = 0; v < vectors; ++v)
+      if (const Lanes at = magnitude(x[v]) == all; any(at))
+        for (Index l = 0; l < width; ++l)
+          if (at[l]) return v * width + l;
+    return Index(0);  // NaN
   };
+  const V one_more = splat(1 / static_cast<double>(K - 1)), alternate = (lane_numbers & 1) == 1 ? splat(-1) : splat(1);
+  V grown = splat(1) + __builtin_convertvector(lane_numbers, V) * one_more;
   for (Index v = 0; v < vectors; ++v) {
     x[v] = splat(1 / static_cast<double>(K));
-    for (Index l = 0; l < width; ++l) {
-      const Index k = v * width + l;
-      const double grown = 1 + static_cast<double>(k) / static_cast<double>(K - 1);
-      alternating[v][l] = k % 2 ? -grown : grown;
-    }
+    alternating[v] = grown * alternate;
+    grown += splat(width) * one_more;
   }
   solve(alternating, false);
   solve(x, false);

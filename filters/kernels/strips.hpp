@@ -89,37 +89,69 @@ KFSTAB_INLINE constexpr Index packed_block(Index K, Index j) {
 }
 KFSTAB_INLINE constexpr Index packed_size(Index K) { return packed_block(K, (K + width - 1) / width * width); }
 
-/// Packs a lower triangle of order K for products from the right, in blocks of `width` columns: a row of a block is a vector. Tile by
-/// tile, so that memory is read in the order in which it lies there.
+/// Packs a lower triangle of order K, in blocks of `width` columns: a row of a block is a vector. Memory is read in the order in
+/// which it lies there.
 KFSTAB_INLINE void pack_lower(const Layout& layout, const Source& L, Index K, V* out) {
-  for (Index k = 0; k < K; k += width)
-    for (Index j = 0; j <= k; j += width) {
-      V* const rows = out + packed_block(K, j) + (k - j);
+  const auto rows_at = [&](Index k, Index j) KFSTAB_INLINED { return out + packed_block(K, j) + (k - j); };
+  if (layout.transposed) {
+    for (Index k = 0; k < K; ++k)
+      for (Index j = 0; j <= k; j += width) *rows_at(k, j) = load(layout.at(L, k, j), 1, 0, least(k - j + 1, width));
+    return;
+  }
+  for (Index j = 0; j < K; j += width)
+    for (Index k = j; k < K; k += width) {
+      V *const rows = rows_at(k, j), tile[width];
       const Index high = least(K - k, width);
-      if (layout.transposed) {
-        for (Index l = 0; l < high; ++l) rows[l] = load(layout.at(L, k + l, j), 1, 0, least(k + l - j + 1, width));
-      } else {
-        V tile[width];
-        each(zero, Constant<width>{}, [&](Index q) KFSTAB_INLINED {
-          const Index low = j == k ? Index(q) : 0;
-          tile[q] = low < high ? load(layout.at(L, k, j + q), 1, low, high) : V{};
-        });
-        transpose(tile);
-        each(zero, Constant<width>{}, [&](Index l) KFSTAB_INLINED {
-          if (l < high) rows[l] = tile[l];
-        });
-      }
+      each(zero, Constant<width>{}, [&](Index q) KFSTAB_INLINED {
+        const Index low = j == k ? Index(q) : 0;
+        tile[q] = low < high ? load(layout.at(L, k, j + q), 1, low, high) : V{};
+      });
+      transpose(tile);
+      each(zero, Constant<width>{}, [&](Index l) KFSTAB_INLINED {
+        if (l < high) rows[l] = tile[l];
+      });
     }
 }
 
-/// x := x L for R strips of K columns, in place; L packed. The strips are zero from column `end` on, and stay so.
+/// A lower triangle where it stands on the right of a product: as it lies in memory, or packed.
+struct Lower {
+  const double* data;
+  Index down, across;  ///< how far from entry (k, j) are (k + 1, j) and (k, j + 1), of a packed one within a block
+  bool packed;
+
+  KFSTAB_INLINE Lower(const Layout& layout, const Source& L)
+      : data(L.data), down(layout.stride(L)), across(layout.transposed ? 1 : L.leading), packed(false) {}
+  KFSTAB_INLINE explicit Lower(const V* L)
+      : data(reinterpret_cast<const double*>(L)), down(width), across(1), packed(true) {}
+  /// Entry (j, j), j a multiple of `width`, of a triangle of order K.
+  KFSTAB_INLINE const double* diagonal(Index K, Index j) const {
+    return data + (packed ? packed_block(K, j) * width : j * (down + across));
+  }
+};
+
+/// x := x L for R strips of K columns, in place. The strips are zero from column `end` on, and stay so.
 template <Index R>
-KFSTAB_INLINE void multiply_strips(const Strips& x, const V* L, Index K, Index end) {
-  for (Index j = 0; j < least(K, end); L += K - j, j += width) {
+KFSTAB_INLINE void multiply_strips(const Strips& x, const Lower& L, Index K, Index end) {
+  constexpr Constant<R> strips{};
+  end = least(K, end);
+  for (Index j = 0; j < end; j += width) {
+    const double* l = L.diagonal(K, j);
     V sum[R][width] = {};
-    for (Index k = j; k < least(K, end); ++k) add_outer<R>(sum, x, k, reinterpret_cast<const double*>(L + (k - j)));
+    const auto add_row = [&](Index k, auto entries) KFSTAB_INLINED {
+      V column[R];
+      each(zero, strips, [&](Index i) KFSTAB_INLINED { column[i] = x(i, k); });
+      each(zero, entries, [&](Index q) KFSTAB_INLINED {
+        const V entry_q = splat(l[q * L.across]);
+        each(zero, strips, [&](Index i) KFSTAB_INLINED { sum[i][q] = fma(column[i], entry_q, sum[i][q]); });
+      });
+      l += L.down;
+    };
     each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
-      if (j + q < K) each(zero, Constant<R>{}, [&](Index i) KFSTAB_INLINED { x(i, j + q) = sum[i][q]; });
+      if (j + q < end) add_row(j + q, q + one);
+    });
+    for (Index k = j + width; k < end; ++k) add_row(k, Constant<width>{});
+    each(zero, Constant<width>{}, [&](Index q) KFSTAB_INLINED {
+      if (j + q < K) each(zero, strips, [&](Index i) KFSTAB_INLINED { x(i, j + q) = sum[i][q]; });
     });
   }
 }
@@ -193,19 +225,28 @@ KFSTAB_INLINE V sums_of_lanes(V (&x)[width]) {
   return sum;
 }
 
-/// x := x L^{-1} for one row x of K numbers, which are in the lanes; L packed. What is behind them becomes zero.
-__attribute__((noinline)) inline void divide_row(V* x, const V* L, Index K) {
+/// x := x L^{-1} for one row x of K numbers, which are in the lanes; L packed. What is behind them is zero, and stays so.
+/// @param divide  of (j, what the columns behind a block leave of its right-hand side), x_j of that block
+template <class Divide>
+KFSTAB_INLINE void divide_row(V* x, const V* L, Index K, Divide&& divide) {
   const auto* entries = reinterpret_cast<const double*>(x);
   for (Index j = (K - 1) / width * width; j >= 0; j -= width) {
     const V* block = L + packed_block(K, j);
-    const auto* l = reinterpret_cast<const double*>(block);  // entry (j + k, j + q) is l[k width + q]
-    V sum[4] = {}, left, done{};
+    V sum[4] = {};
     Index k = j + width;
     for (; k + 4 <= K; k += 4)
       each(zero, Constant<4>{},
            [&](Index c) KFSTAB_INLINED { sum[c] = fma(block[k + c - j], splat(entries[k + c]), sum[c]); });
     for (; k < K; ++k) sum[0] = fma(block[k - j], splat(entries[k]), sum[0]);
-    left = x[j / width] - ((sum[0] + sum[1]) + (sum[2] + sum[3]));
+    x[j / width] = divide(j, x[j / width] - ((sum[0] + sum[1]) + (sum[2] + sum[3])));
+  }
+}
+/// One entry after the other.
+__attribute__((noinline)) inline void divide_row(V* x, const V* L, Index K) {
+  divide_row(x, L, K, [&](Index j, V left) KFSTAB_INLINED {
+    const V* block = L + packed_block(K, j);
+    const auto* l = reinterpret_cast<const double*>(block);  // entry (j + k, j + q) is l[k width + q]
+    V done{};
     each(zero, Constant<width>{}, [&](auto last) KFSTAB_INLINED {
       constexpr Constant<width - 1 - decltype(last)::value> q{};
       if (j + q >= K) return;
@@ -213,36 +254,8 @@ __attribute__((noinline)) inline void divide_row(V* x, const V* L, Index K) {
       done = with_lane(q, done, entry_q);
       left = fma(-entry_q, block[q], left);
     });
-    x[j / width] = done;
-  }
-}
-
-/// x := x L'^{-1}, likewise.
-__attribute__((noinline)) inline void divide_row_transposed(V* x, const V* L, Index K) {
-  for (Index j = 0; j < K; j += width) {
-    const auto products_of_rows = [&](auto rows) KFSTAB_INLINED {
-      V sum[width] = {};
-      for (Index before = 0; before < j; before += width) {
-        const V* row = L + packed_block(K, before) + (j - before);
-        each(zero, rows, [&](Index q) KFSTAB_INLINED { sum[q] = fma(row[q], x[before / width], sum[q]); });
-      }
-      return sums_of_lanes(sum);
-    };
-    const V* block = L + packed_block(K, j);
-    const auto* l = reinterpret_cast<const double*>(block);
-    const Index rows = least(K - j, width);
-    V left = x[j / width] - (rows == width ? products_of_rows(Constant<width>{}) : products_of_rows(rows)), done{};
-    V columns[width];
-    each(zero, Constant<width>{}, [&](Index q) KFSTAB_INLINED { columns[q] = q < rows ? block[q] : V{}; });
-    transpose(columns);
-    each(zero, Constant<width>{}, [&](auto q) KFSTAB_INLINED {
-      if (q >= rows) return;
-      const V entry_q = lane<q>(left) * splat(1 / l[q * width + q]);
-      done = with_lane(q, done, entry_q);
-      left = fma(-entry_q, columns[q], left);
-    });
-    x[j / width] = done;
-  }
+    return done;
+  });
 }
 
 /// f of all lanes, two and two, in each.

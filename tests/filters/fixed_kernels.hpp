@@ -17,9 +17,10 @@ struct FixedKernels {
   /// n = 3, m = 1, p = 2 of the others.
   void (*batch_array)(const kernels::BatchArrayStep&);
   void (*batch_covariance)(const kernels::BatchCovarianceStep&);
-  /// x := x L^{-1}, or x L'^{-1}, K numbers, L stored column by column, K at most most_divided; and |L^{-1}| in the 1-norm, or
+  /// x := x L^{-1}, or x L'^{-1}, K numbers, L stored column by column, K at most most_divided; one after the other (L^{-1} alone),
+  /// or by blocks of `width`. Returns whether what is behind them in the last vector is zero. And |L^{-1}| in the 1-norm, or
   /// |L'^{-1}|, by estimate.
-  void (*divide_row)(double* x, const double* L, kernels::Index K, bool transposed);
+  bool (*divide_row)(double* x, const double* L, kernels::Index K, bool transposed, bool by_blocks);
   double (*estimate_of_inverse)(const double* L, kernels::Index K, bool transposed);
 };
 inline constexpr kernels::Index most_divided = 40;

@@ -35,17 +35,30 @@ struct PackedTriangle {
   PackedTriangle(const double* L, Index K) { pack_lower({false}, {L, K}, K, rows); }
 };
 
-inline void divide_one_row(double* x, const double* L, Index K, bool transposed) {
+inline bool divide_one_row(double* x, const double* L, Index K, bool transposed, bool by_blocks) {
   const PackedTriangle packed(L, K);
-  V row[strips_of(most_divided)] = {};
+  V row[strips_of(most_divided)] = {}, work[2 * width * strips_of(most_divided)];
   for (Index k = 0; k < K; ++k) row[k / width][k % width] = x[k];
-  transposed ? divide_row_transposed(row, packed.rows, K) : divide_row(row, packed.rows, K);
-  for (Index k = 0; k < K; ++k) x[k] = row[k / width][k % width];
+  if (!by_blocks) {
+    divide_row(row, packed.rows, K);
+  } else {
+    const DiagonalInverses inverses(packed.rows, K, work);
+    transposed ? solve_row_transposed(row, packed.rows, K, inverses) : solve_row(row, packed.rows, K, inverses);
+  }
+  bool zero_behind = true;
+  for (Index k = 0; k < strips_of(K) * width; ++k) {
+    const double entry = row[k / width][k % width];
+    if (k < K)
+      x[k] = entry;
+    else
+      zero_behind = zero_behind && entry == 0;
+  }
+  return zero_behind;
 }
 
 inline double estimate(const double* L, Index K, bool transposed) {
   const PackedTriangle packed(L, K);
-  V work[3 * strips_of(most_divided)];
+  V work[(3 + 2 * width) * strips_of(most_divided)];
   return estimate_of_inverse(packed.rows, K, transposed, work);
 }
 
