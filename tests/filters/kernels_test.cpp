@@ -540,12 +540,19 @@ TEST(Kernels, DivideARow) {
           for (Index j = 0; j < K; ++j)
             EXPECT_LE(std::abs(M.col(j).dot(x) - b(j)), bound * allowed(j)) << j << (by_blocks ? " by blocks" : "");
         }
-        if (K == 1) continue;
-        Vector<double> work(K), sign(K);
-        const double rcond = transposed ? reciprocal_condition_triangular<Triangle::upper>(M, work, sign)
-                                        : reciprocal_condition_triangular<Triangle::lower>(M, work, sign);
-        const double expected = 1 / (rcond * M.cwiseAbs().colwise().sum().maxCoeff());
-        EXPECT_NEAR(fixed.estimate_of_inverse(L.data(), K, transposed), expected, bound / rcond * expected);
+        // Of the second L the inverse is I + 1000 (e_4 - e_5)(e_1 - e_2)', whose rows and columns have the sums 1: only the
+        // vector of alternating signs finds what is large.
+        Matrix<double> hidden = Matrix<double>::Identity(K, K);
+        if (K > 5) hidden.block(4, 1, 2, 2) << -1000, 1000, 1000, -1000;
+        for (const Matrix<double>& triangle : {L, hidden}) {
+          if (K == 1) continue;
+          const Matrix<double> N = transposed ? Matrix<double>(triangle.transpose()) : triangle;
+          Vector<double> work(K), sign(K);
+          const double rcond = transposed ? reciprocal_condition_triangular<Triangle::upper>(N, work, sign)
+                                          : reciprocal_condition_triangular<Triangle::lower>(N, work, sign);
+          const double expected = 1 / (rcond * N.cwiseAbs().colwise().sum().maxCoeff());
+          EXPECT_NEAR(fixed.estimate_of_inverse(triangle.data(), K, transposed), expected, bound / rcond * expected);
+        }
       }
   }
 }
