@@ -22,7 +22,8 @@ if(PROJECT_IS_TOP_LEVEL)
   if(KFSTAB_CCACHE AND NOT DEFINED CMAKE_CXX_COMPILER_LAUNCHER)
     # Precompiled headers are looked up in the cache only if ccache may trust that what they were made from is unchanged,
     # which Ninja sees to.
-    set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_COMMAND} -E env CCACHE_SLOPPINESS=pch_defines,time_macros ${KFSTAB_CCACHE})
+    set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_COMMAND} -E env CCACHE_SLOPPINESS=pch_defines,time_macros CCACHE_DEPEND=1
+        ${KFSTAB_CCACHE})
     if(CMAKE_CXX_COMPILER_ID STREQUAL GNU)
       add_compile_options(-fpch-preprocess)
     endif()

@@ -400,12 +400,12 @@ TEST(HessenbergFilters, HaveATolerance) {
 
 // Sizes known at compile time give the same numbers.
 TEST(HessenbergFilters, OfFixedSizeDoAsDynamicOnes) {
-  const Case c{.d = {4, 2, 3}, .inputs = 1};
-  const Vector<double> y = Dice(93).vector(3, 32), input = Dice(94).vector(1, 32);
-  const Vector<double, 3> y_fixed = y;
+  const Case c{.d = {3, 1, 2}, .inputs = 1};
+  const Vector<double> y = Dice(93).vector(2, 32), input = Dice(94).vector(1, 32);
+  const Vector<double, 2> y_fixed = y;
   const auto root = random_problem(Parametrisation::root, c, 95);
   const auto& S = std::get<Problem<Root>>(root);
-  RootModel<double, 4, 2, 3> model;
+  RootModel<double, 3, 1, 2> model;
   model.A = S.models[0].A;
   model.B = S.models[0].B;
   model.C = S.models[0].C;
@@ -413,12 +413,12 @@ TEST(HessenbergFilters, OfFixedSizeDoAsDynamicOnes) {
   model.Q_root = S.models[0].Q_root;
   model.R_root = S.models[0].R_root;
   Covariance srcf(c.d);
-  HessenbergSquareRootCovarianceFilter<double, 4, 2, 3> fixed_srcf;
+  HessenbergSquareRootCovarianceFilter<double, 3, 1, 2> fixed_srcf;
   srcf.start(S.initial, S.x0);
   fixed_srcf.start(S.initial, S.x0);
   const auto information = random_problem(Parametrisation::information, c, 95);
   const auto& T = std::get<Problem<Information>>(information);
-  InformationModel<double, 4, 2, 3> information_model;
+  InformationModel<double, 3, 1, 2> information_model;
   information_model.A_inverse = T.models[0].A_inverse;
   information_model.A_inverse_B = T.models[0].A_inverse_B;
   information_model.C = T.models[0].C;
@@ -427,7 +427,7 @@ TEST(HessenbergFilters, OfFixedSizeDoAsDynamicOnes) {
   information_model.R_inverse_root = T.models[0].R_inverse_root;
   information_model.w_mean = T.models[0].w_mean;
   InformationFilter srif(c.d);
-  HessenbergSquareRootInformationFilter<double, 4, 2, 3> fixed_srif;
+  HessenbergSquareRootInformationFilter<double, 3, 1, 2> fixed_srif;
   srif.start(T.initial, T.x0);
   fixed_srif.start(T.initial, T.x0);
   ASSERT_TRUE(srif.measurement_update(T.models[0], &y));
