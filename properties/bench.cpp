@@ -291,20 +291,27 @@ const Course& Bench::course(const System& system) {
 
 // --- runs ---------------------------------------------------------------------------------------------------------------
 
-Run Bench::rerun(const System& system) {
-  Run run{system, {}, {}};
-  run.ending = subject_.run(system, [&](std::int64_t, const Answer& answer) {
-    run.answers.push_back(answer);
-    return true;
-  });
-  steps_ += static_cast<std::int64_t>(run.answers.size());
-  return run;
+Run Bench::rerun(const System& system, const std::vector<System>& beside) {
+  std::vector<System> all{system};
+  all.insert(all.end(), beside.begin(), beside.end());
+  auto runs = subject_.run_all(all);
+  for (const Run& run : runs) steps_ += static_cast<std::int64_t>(run.answers.size());
+  return std::move(runs.front());
+}
+
+void Bench::run_ahead(const std::vector<System>& systems) {
+  ahead_ = subject_.run_all(systems);
+  for (const Run& run : ahead_) steps_ += static_cast<std::int64_t>(run.answers.size());
 }
 
 const Run& Bench::run(const System& system) {
   for (const auto& known : runs_)
     if (same_numbers(known->system, system)) return *known;
-  return *runs_.emplace_back(std::make_unique<Run>(rerun(system)));
+  const auto ahead = std::ranges::find_if(ahead_, [&](const Run& run) { return same_numbers(run.system, system); });
+  if (ahead == ahead_.end()) return *runs_.emplace_back(std::make_unique<Run>(rerun(system)));
+  runs_.push_back(std::make_unique<Run>(std::move(*ahead)));
+  ahead_.erase(ahead);
+  return *runs_.back();
 }
 
 void Bench::forget() {

@@ -13,13 +13,6 @@ namespace kfstab::properties {
 
 struct ObservedStep;  // law.hpp
 
-/// A subject's run of a system.
-struct Run {
-  System system;
-  std::vector<Answer> answers;  ///< of the steps that it did
-  Ending ending;
-};
-
 /// What was true of a system's steps, in the numbers that a subject is given, and how far from it rounding excuses the
 /// subject to be. Truths are certified (reference/trajectory.hpp).
 class Course {
@@ -75,11 +68,14 @@ class Bench {
   Bench(Subject& subject, Truths& truths) : subject_(subject), truths_(truths) {}
 
   const Traits& traits() const { return subject_.traits(); }
+  std::size_t at_once() const { return subject_.at_once(); }
 
   /// The subject's run of the system: the one that was asked for before, or a new one. Valid until forget().
   const Run& run(const System& system);
-  /// A new run, whatever was run before.
-  Run rerun(const System& system);
+  /// A new run, whatever was run before, at once with those beside it.
+  Run rerun(const System& system, const std::vector<System>& beside = {});
+  /// Runs these systems at once: asked for one of them later, run() has it already, forget() or not.
+  void run_ahead(const std::vector<System>& systems);
   /// What was true, and how precise answers can be. Valid until forget().
   const Course& course(const System& system);
 
@@ -94,6 +90,7 @@ class Bench {
   Subject& subject_;
   Truths& truths_;
   std::vector<std::unique_ptr<Run>> runs_;
+  std::vector<Run> ahead_;  ///< those that were not asked for yet
   std::map<const Run*, std::shared_ptr<const std::vector<ObservedStep>>> observed_;
   std::vector<std::pair<System, std::unique_ptr<Course>>> courses_;
   std::int64_t steps_ = 0;

@@ -18,7 +18,7 @@ constexpr std::size_t runs_kept = 40;
 class Check {
  public:
   Check(Subject& subject, const CheckOptions& options, CheckReport& report)
-      : options_(options), report_(report), bench_(subject, truths_),
+      : options_(options), report_(report), bench_(subject, truths_), at_once_(subject.at_once()),
         generator_(systems(within(subject.traits(), options.systems))), begin_(Clock::now()) {
     report_ = {};
     report_.subject = subject.traits();
@@ -31,7 +31,9 @@ class Check {
     for (std::size_t i = 0; i < options_.replay.size() && go_on(); ++i)
       examine(options_.replay[i], -1 - static_cast<int>(i));
     for (int number = 0; number < options_.cases && go_on(); ++number) {
-      examine(drawn_system(generator_, options_.seed, number, options_.cases), number);
+      const auto place = static_cast<std::size_t>(number) % at_once_;
+      if (place == 0) draw(number);
+      examine(drawn_[place], number);
       ++report_.cases;
       if (options_.progress) options_.progress(report_.cases);
     }
@@ -51,6 +53,14 @@ class Check {
     if (options_.budget > 0 && std::chrono::duration<double>(Clock::now() - begin_).count() > options_.budget)
       report_.out_of_time = true;
     return !report_.interrupted && !report_.out_of_time;
+  }
+
+  /// The cases from this one on that are run at once.
+  void draw(int number) {
+    drawn_.clear();
+    for (; drawn_.size() < at_once_ && number < options_.cases; ++number)
+      drawn_.push_back(drawn_system(generator_, options_.seed, number, options_.cases));
+    if (at_once_ > 1) bench_.run_ahead(drawn_);
   }
 
   void forget() {
@@ -132,6 +142,8 @@ class Check {
   CheckReport& report_;
   Truths truths_;
   Bench bench_;
+  std::size_t at_once_;
+  std::vector<System> drawn_;
   rc::Gen<System> generator_;
   Clock::time_point begin_;
 };

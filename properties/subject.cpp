@@ -31,18 +31,8 @@ class Feed {
 
 class BuiltIn final : public Subject {
  public:
-  explicit BuiltIn(std::unique_ptr<AnyFilter<double>> filter) : filter_(std::move(filter)) {
-    const Metadata& metadata = filter_->metadata();
-    traits_.name = metadata.id;
-    traits_.instant = metadata.instant;
-    traits_.gain = metadata.gain;
-    traits_.needs = metadata.needs;
-    // A filter that remembers its model cannot be told that a row of C is gone.
-    traits_.measurement_every_step = metadata.needs.time_invariant;
-    traits_.takes = metadata.takes;
-    traits_.holds = metadata.holds;
-    traits_.asymmetry = metadata.asymmetry;
-  }
+  explicit BuiltIn(std::unique_ptr<AnyFilter<double>> filter)
+      : filter_(std::move(filter)), traits_(filter_->metadata()) {}
 
   const Traits& traits() const override { return traits_; }
 
@@ -163,6 +153,24 @@ class SteppedSubject final : public Subject {
 };
 
 }  // namespace
+
+// A filter that remembers its model cannot be told that a row of C is gone.
+Traits::Traits(const Metadata& metadata)
+    : name(metadata.id), instant(metadata.instant), gain(metadata.gain), needs(metadata.needs),
+      measurement_every_step(metadata.needs.time_invariant), takes(metadata.takes), holds(metadata.holds),
+      asymmetry(metadata.asymmetry) {}
+
+std::vector<Run> Subject::run_all(const std::vector<System>& systems) {
+  std::vector<Run> runs;
+  for (const System& system : systems) {
+    Run& is = runs.emplace_back(Run{system, {}, {}});
+    is.ending = run(system, [&](std::int64_t, const Answer& answer) {
+      is.answers.push_back(answer);
+      return true;
+    });
+  }
+  return runs;
+}
 
 std::unique_ptr<Subject> subject(std::unique_ptr<StepwiseFilter> filter) {
   return std::make_unique<SteppedSubject>(std::move(filter));

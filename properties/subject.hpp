@@ -8,6 +8,7 @@
 #include <string>
 #include <string_view>
 #include <variant>
+#include <vector>
 
 #include <kfstab/filters/any_filter.hpp>
 #include <kfstab/properties/data.hpp>
@@ -40,6 +41,10 @@ struct Traits {
   /// u of its arithmetic: 2^-53, or 2^-24 for one that says that it computes in single precision.
   double roundoff = unit_roundoff<double>();
 
+  /// Of a filter of the registry.
+  explicit Traits(const Metadata& metadata);
+  Traits() = default;
+
   /// "update-predict" or "predict-update", as protocol 1 has it.
   std::string_view cycle() const { return starts_predicted ? "update-predict" : "predict-update"; }
 };
@@ -65,6 +70,13 @@ struct Ending {
   std::string reason;      ///< what it said, or what was wrong with what it said
 };
 
+/// A subject's run of a system.
+struct Run {
+  System system;
+  std::vector<Answer> answers;  ///< of the steps that it did
+  Ending ending;
+};
+
 /// The filter did what no filter may: the check is over (exit code 4).
 struct SubjectFault : std::runtime_error {
   enum class Kind { died, hung, flooded, limit };
@@ -81,6 +93,11 @@ class Subject {
   /// a missing entry) and hands each answer on; stops where it ends early, or where `each` says false. Every run is a problem
   /// of its own: nothing is to be left of the one before. Throws SubjectFault.
   virtual Ending run(const System& system, const std::function<bool(std::int64_t k, const Answer&)>& each) = 0;
+
+  /// How many systems are worth running at once; 1 for a subject that runs one after another.
+  virtual std::size_t at_once() const { return 1; }
+  /// A run of each of the systems, in their order, whatever the others are.
+  virtual std::vector<Run> run_all(const std::vector<System>& systems);
 };
 
 /// What a filter is sent at a step by protocol 1. Valid during the call.
@@ -114,6 +131,12 @@ std::unique_ptr<Subject> subject(std::unique_ptr<StepwiseFilter> filter);
 std::unique_ptr<Subject> built_in(std::string_view id);
 /// One that is not in the registry, or not as the registry has it.
 std::unique_ptr<Subject> built_in(std::unique_ptr<AnyFilter<double>> filter);
+
+/// The filters of which there are batches (filters/batch.hpp), in the order of the registry.
+std::vector<std::string_view> batched_filters();
+/// One of them, "srcf", as it is in a batch: runs of one shape are stepped side by side. Its name is "srcf-batch". Throws
+/// std::invalid_argument for another id.
+std::unique_ptr<Subject> in_batches(std::string_view id);
 
 /// Why the system is not for the subject, or nothing.
 std::optional<Refusal> refusal(const Traits& traits, const System& system);

@@ -6,7 +6,7 @@
 
 #include <unistd.h>
 
-#include <fmt/core.h>
+#include <fmt/format.h>
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
@@ -17,6 +17,7 @@
 #include <kfstab/experiments/output.hpp>
 #include <kfstab/experiments/progress.hpp>
 #include <kfstab/experiments/selection.hpp>
+#include <kfstab/filters/kernels.hpp>
 #include <kfstab/properties/system_file.hpp>
 #include <kfstab/reports/files.hpp>
 
@@ -138,7 +139,16 @@ std::string quoted(const std::string& text) {
 
 std::vector<SubjectOnOffer> candidates(const CheckArguments& arguments) {
   std::vector<SubjectOnOffer> all;
-  if (arguments.filters) {
+  if (arguments.filters && arguments.batch) {
+    const auto batched = properties::batched_filters();
+    for (const Metadata* metadata : select_filters(*arguments.filters))
+      if (std::ranges::find(batched, metadata->id) != batched.end())
+        all.push_back({fmt::format("--filters '^{}$' --batch", metadata->id),
+                       [metadata] { return properties::in_batches(metadata->id); }});
+    if (all.empty())
+      throw NothingSelected(fmt::format("--batch: there are batches of {}, and none of them matches '{}'",
+                                        fmt::join(batched, ", "), *arguments.filters));
+  } else if (arguments.filters) {
     for (const Metadata* metadata : select_filters(*arguments.filters))
       all.push_back(
           {fmt::format("--filters '^{}$'", metadata->id), [metadata] { return properties::built_in(metadata->id); }});
@@ -170,6 +180,8 @@ int check_command(const CheckArguments& arguments) {
   if (!arguments.replay.empty()) options.cases = 0;
   options.interrupted = interrupted;
   const auto expected = expected_failures(arguments.expect);
+  // The plain text steps no batches.
+  if (arguments.batch && !kernels::in_use() && kernels::everywhere()) kernels::use(kernels::everywhere()->isa);
 
   std::optional<Output> output;
   if (!arguments.out.empty()) output.emplace(arguments.out, "check", "", arguments.rendering);

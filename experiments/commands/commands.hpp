@@ -88,6 +88,7 @@ int claim_command(const ClaimArguments& arguments);
 
 struct CheckArguments {
   std::optional<std::string> filters;
+  bool batch = false;  ///< these in batches, as far as there are any
   ForeignArguments foreign;
   std::string laws;
   int cases = 200;

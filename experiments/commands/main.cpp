@@ -215,6 +215,8 @@ int command_line(int argc, char** argv) {
   auto* check_app = add_command("check", "Check a filter by laws on random systems: the smallest that breaks one, and what it means");
   auto* filters_option = check_app->add_option("--filters", checked_filters, "filters that come with kfstab: regular expression on ids; a leading - excludes")
       ->envname("KFSTAB_FILTERS")->type_name("REGEX");
+  check_app->add_flag("--batch", check.batch, "those of --filters of which kfstab has batches (ckf, srcf, srif), in batches: systems of one shape side by side")
+      ->envname("KFSTAB_BATCH")->needs(filters_option);
   add_foreign(check_app, check.foreign);
   check_app->add_option("--laws", check.laws, "regular expression on law ids; a leading - excludes")->envname("KFSTAB_LAWS")->type_name("REGEX");
   auto* cases_option = check_app->add_option("--cases", check.cases, "systems to draw")

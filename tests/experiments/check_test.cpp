@@ -64,6 +64,20 @@ TEST_F(Check, OfARightFilterPasses) {
   EXPECT_GT(found["classes"].size(), 10u);
 }
 
+TEST_F(Check, OfFiltersInBatches) {
+  ASSERT_EQ(kfstab("check --filters '-^(ckf|srif)$' --batch --cases 100 --json results.json"), 0) << out() << err();
+  const json found = results();
+  EXPECT_EQ(found["subject"], "srcf-batch");
+  EXPECT_EQ(found["cases"]["tried"], 100);
+  EXPECT_TRUE(failing(found).empty());
+  EXPECT_NE(found["context"]["kernels"], "plain");
+  ASSERT_EQ(kfstab("check --filters . --batch --cases 5 --no-fingerprint"), 0) << out() << err();
+  EXPECT_NE(out().find("3 filters: "), std::string::npos) << out();
+  EXPECT_EQ(kfstab("check --filters ud --batch"), 5);
+  EXPECT_NE(err().find("ckf, srcf, srif"), std::string::npos) << err();
+  EXPECT_EQ(kfstab("check --batch " + right), 2);
+}
+
 TEST_F(Check, NamesTheMistakeAndShowsItOnAScalar) {
   ASSERT_EQ(kfstab("check --cases 40 --no-fingerprint --regressions kept --json results.json " + wrong), 1) << err();
   const json found = results();
