@@ -25,9 +25,8 @@ std::optional<Finding> examine(Bench& bench, const System& system) {
 Law law() {
   return {.id = "isolation",
           .statement =
-              "A run after one of another problem, or beside it where many are run at once, gives the same answers as "
-              "a run "
-              "after itself, bit by bit",
+              "A run after one of another problem, or beside it where many are run at once, gives the same answers as a "
+              "run after itself, bit by bit",
           .assumptions = "none",
           .source = "a filter is a function of its problem",
           .tolerance = "0: every bit; of a filter whose code is not known 30 b, b the tolerance of comparison.hpp",
