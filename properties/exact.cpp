@@ -15,8 +15,8 @@ namespace kfstab::properties {
 
 namespace {
 
+using reference::Integer;
 using reference::Rational;
-using Integer = boost::multiprecision::number<boost::multiprecision::gmp_int, boost::multiprecision::et_off>;
 
 /// Far beyond double, and far from filling the memory.
 constexpr int largest_power = 10000;

@@ -6,19 +6,15 @@
 #include <string>
 #include <vector>
 
-#include <boost/multiprecision/gmp.hpp>
-
 #include <kfstab/reference/detail/dense.hpp>
 #include <kfstab/reference/error.hpp>
+#include <kfstab/reference/rational.hpp>
 #include <kfstab/reference/rounded.hpp>
 
 namespace kfstab::reference {
 namespace {
 
-using Integer = boost::multiprecision::number<boost::multiprecision::gmp_int, boost::multiprecision::et_off>;
 using Integers = Matrix<Integer>;
-
-constexpr double u = std::numeric_limits<double>::epsilon() / 2;
 
 template <class Number>
 void require_square(const Matrix<Number>& X, const char* what) {
@@ -174,7 +170,7 @@ Signature inertia(Integers X, bool semidefinite_only) {
 /// it does not try.
 bool surely_positive_definite(const Matrix<double>& X) {
   const Index n = X.rows();
-  const double margin = 2 * static_cast<double>(n + 1) * static_cast<double>(n + 4) * u;
+  const double margin = 2 * static_cast<double>(n + 1) * static_cast<double>(n + 4) * unit_roundoff<double>();
   if (margin > 0.1) return false;
   Matrix<double> L(n, n);
   for (Index j = 0; j < n; ++j) {
@@ -288,7 +284,7 @@ bool surely_nonsingular(const Matrix<double>& X) {
         sum -= Y(i, l) * X(l, j);
         size += std::abs(Y(i, l) * X(l, j));
       }
-      row += std::abs(sum) + 2 * static_cast<double>(n + 2) * u * size;
+      row += std::abs(sum) + 2 * static_cast<double>(n + 2) * unit_roundoff<double>() * size;
     }
     norm = std::max(norm, row);
   }
@@ -423,7 +419,7 @@ double smallest_eigenvalue_of(const Matrix<Number>& X, const Matrix<double>& nea
   const double smallest = eigenvalues.minCoeff();
   const double size = eigenvalues.cwiseAbs().maxCoeff();
   // Backward error of the solver, a modest multiple of n u ||X||, against three digits.
-  const double doubt = 1e4 * static_cast<double>(X.rows() + 4) * u * size;
+  const double doubt = 1e4 * static_cast<double>(X.rows() + 4) * unit_roundoff<double>() * size;
   if (std::abs(smallest) > doubt) return std::ldexp(smallest, exponent);
 
   int sign = 1;

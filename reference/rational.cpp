@@ -6,7 +6,6 @@
 namespace kfstab::reference {
 
 double round_to_double(const Rational& x) {
-  using Integer = boost::multiprecision::number<boost::multiprecision::gmp_int, boost::multiprecision::et_off>;
   if (x == 0) return 0;
   const Integer n = abs(numerator(x)), d = denominator(x);
   // The quotient to 66 bits or 67, the last of them set if anything is left: enough to round it once more, rightly.

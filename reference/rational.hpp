@@ -9,6 +9,7 @@
 /// oracles of the tests compute in.
 namespace kfstab::reference {
 
+using Integer = boost::multiprecision::number<boost::multiprecision::gmp_int, boost::multiprecision::et_off>;
 using Rational = boost::multiprecision::number<boost::multiprecision::gmp_rational, boost::multiprecision::et_off>;
 
 /// The nearest number of that precision: a third has none that is exact.

@@ -66,15 +66,15 @@ TEST(ClaimsDeathTest, InterruptedAreNotJudged) {
   const auto interrupted_claims = [] {
     watch_for_interruption();
     std::raise(SIGINT);
-    bool good = true;
+    bool untouched = true;
     for (const Claim& claim : all_claims()) {
       try {
         run_claim(claim, {}, Effort::quick);
-        good = false;
+        untouched = false;
       } catch (const Interrupted&) {
       }
     }
-    std::_Exit(good && run_claims(all_claims(), {}, Effort::quick, 1, [] {}).empty() ? 0 : 1);
+    std::_Exit(untouched && run_claims(all_claims(), {}, Effort::quick, 1, [] {}).empty() ? 0 : 1);
   };
   EXPECT_EXIT(interrupted_claims(), ::testing::ExitedWithCode(0), "");
 }
