@@ -54,9 +54,9 @@ class SymmetricCovarianceFilter {
   /// @param u  as many as D has columns, or null for none
   /// Statuses: not_positive_definite, singular_innovation (of Re), non_finite_input, overflow.
   StepReport<S> step(const Model& model, const Output* y = nullptr, const Input* u = nullptr) {
-    const bool by_kernel = covariance_by_kernel(model);
-    const auto report = by_kernel ? judge_innovation(model, y, one_norm_symmetric_upper(Re_), Re_root_)
-                                  : update_covariance(model, y, P_, filtered_);
+    S rcond = S(0);
+    const bool by_kernel = covariance_by_kernel(model, rcond);
+    const auto report = by_kernel ? judge_innovation(model, y, rcond) : update_covariance(model, y, P_, filtered_);
     if (!report) return report;
     if (y && !update_state(model, *y, x_, filtered_x_)) return failed(Status::overflow, report.rcond, model, y);
     if (!by_kernel) predict_covariance(model, filtered_);
@@ -103,7 +103,11 @@ class SymmetricCovarianceFilter {
     const S norm = one_norm_symmetric_upper(Re_);
     if (!is_finite(norm)) return failed(Status::overflow, S(0), model, y);
     if (cholesky_upper(Re_) != 0) return failed(Status::not_positive_definite, S(0), model, y);
-    const auto report = judge_innovation(model, y, norm, Re_);
+    const auto solve = [this](auto& b) {
+      solve_triangular<Triangle::upper, true>(Re_, b);
+      solve_triangular<Triangle::upper, false>(Re_, b);
+    };
+    const auto report = judge_innovation(model, y, reciprocal_condition(norm, work_, sign_, solve, solve));
     if (!report) return report;
 
     solve_triangular_right<Triangle::upper, false>(Re_, W_);
@@ -125,13 +129,8 @@ class SymmetricCovarianceFilter {
     return all_finite(to) ? report : failed(Status::overflow, report.rcond, model, y);
   }
 
-  /// Whether Re of that norm, Re = V'V, is regular.
-  StepReport<S> judge_innovation(const Model& model, const Output* y, const S& norm, const Matrix<S, P, P>& V) {
-    const auto solve = [&V](auto& b) {
-      solve_triangular<Triangle::upper, true>(V, b);
-      solve_triangular<Triangle::upper, false>(V, b);
-    };
-    const S rcond = reciprocal_condition(norm, work_, sign_, solve, solve);
+  /// Whether Re is regular.
+  StepReport<S> judge_innovation(const Model& model, const Output* y, const S& rcond) {
     if (!(rcond >= tolerance_)) return failed(Status::singular_innovation, rcond, model, y);
     return {Status::ok, rcond};
   }
@@ -161,8 +160,8 @@ class SymmetricCovarianceFilter {
     if (u) next_x_.noalias() += model.D.lazyProduct(*u);
   }
 
-  /// P+, the gain, Re and V of a step; false if there are no kernels, or they gave up.
-  bool covariance_by_kernel([[maybe_unused]] const Model& model) {
+  /// P+, the gain and Re's condition number; false if there are no kernels, or they gave up.
+  bool covariance_by_kernel([[maybe_unused]] const Model& model, [[maybe_unused]] S& rcond) {
     if constexpr (kernels::exist<S>) {
       using kernels::source, kernels::target;
       return kernels::run_sized<N, M, P>(kernels::CovarianceStep{.n = P_.rows(),
@@ -176,9 +175,9 @@ class SymmetricCovarianceFilter {
                                                                  .Q = source(model.Q),
                                                                  .R = source(model.R),
                                                                  .P_next = target(next_),
-                                                                 .Re = target(Re_),
                                                                  .V = target(Re_root_),
                                                                  .K = target(next_gain_),
+                                                                 .rcond = &rcond,
                                                                  .work = kernel_work_.data()});
     }
     return false;

@@ -169,10 +169,10 @@ KFSTAB_INLINE auto after(Constant<Row>, Constant<Last>) {
 }
 KFSTAB_INLINE Index after(Index row, Index last) { return row + 1 < last ? row + 1 : row; }
 
-/// 1 / (norm |W|_1), W the inverse of a lower triangle of that order. Row i of it is in the lanes:
+/// 1 / (norm |W|_1), W the inverse of a lower triangle of that order, or 1 / (norm |W'W|_1). Row i of it is in the lanes:
 ///
 ///     w_i = (e_i - sum of entry(i, k) w_k, k < i) / entry(i, i).
-template <Index vectors, Index most, class Order, class Entry>
+template <Index vectors, Index most, Of of = Of::triangle, class Order, class Entry>
 KFSTAB_INLINE double small_reciprocal_condition(Order order, double norm, Entry&& entry) {
   if (order == 0) return 1;
   constexpr Constant<vectors> all{};
@@ -189,9 +189,20 @@ KFSTAB_INLINE double small_reciprocal_condition(Order order, double norm, Entry&
     const V inverse = splat(1 / entry(i, i)[0]);
     each(zero, all, [&](Index v) KFSTAB_INLINED {
       W[i][v] = row[v] * inverse;
-      sum[v] += magnitude(W[i][v]);
+      if (of == Of::triangle) sum[v] += magnitude(W[i][v]);
     });
   });
+  if constexpr (of == Of::product)
+    each(zero, order, [&](auto j) KFSTAB_INLINED {
+      V row[vectors] = {};
+      each(j, order, [&](auto i) KFSTAB_INLINED {
+        const V w = KFSTAB_KERNELS::entry(W[i], j);
+        each(zero, all, [&](Index v) KFSTAB_INLINED {
+          if (v * width <= i) row[v] = fma(w, W[i][v], row[v]);
+        });
+      });
+      each(zero, all, [&](Index v) KFSTAB_INLINED { sum[v] += magnitude(row[v]); });
+    });
   double of_inverse = 0;
   each(zero, all, [&](Index v) KFSTAB_INLINED { of_inverse = larger(largest_lane(sum[v]), of_inverse); });
   if (!(norm > 0) || norm - norm != 0 || of_inverse - of_inverse != 0) return 0;
@@ -922,7 +933,7 @@ __attribute__((noinline)) inline V information_results(const ArrayStep& step, co
   const Index n = step.n, m = step.m;
   V* const beside = at.packed + packed_size(n);
   pack_lower(layout, {step.S_next.data, step.S_next.leading}, n, at.packed);
-  if (step.rcond_of_T) *step.rcond_of_T = reciprocal_condition(at.packed, n, true, beside);
+  if (step.rcond_of_T) *step.rcond_of_T = reciprocal_condition(at.packed, n, Of::transpose, beside);
   if (step.x_next) difference += information_state(step, at.packed, beside);
   if (!step.Kf.data) return difference;
   each_group(0, strips_of(m), most_strips, [&](auto R, Index s) KFSTAB_INLINED {
@@ -1055,7 +1066,7 @@ inline bool large_array_step(const ArrayStep& step) {
   }
 
   if (step.K.data || step.rcond_of_Re) pack_lower(layout, {step.Re.data, step.Re.leading}, p, packed);
-  if (step.rcond_of_Re) *step.rcond_of_Re = reciprocal_condition(packed, p, false, packed + packed_size(p));
+  if (step.rcond_of_Re) *step.rcond_of_Re = reciprocal_condition(packed, p, Of::triangle, packed + packed_size(p));
   if (step.K.data) {
     if (step.divide)
       each_group(C_strips, strips_of(n) + C_strips, most_strips,

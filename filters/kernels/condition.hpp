@@ -4,12 +4,14 @@
 
 #ifdef KFSTAB_KERNELS
 
-/// The reciprocal condition number of a packed triangle L in the 1-norm, or of its transpose: what
-/// reciprocal_condition_triangular of linear_solve.hpp computes, half a dozen solves one after the other, in each of which every
-/// entry waits for those before it. Up to some order L^{-1} itself costs less, and its norm is no estimate. Beyond, as an
-/// estimate needs no more than a digit, blocks of `width` on the diagonal are inverted before, none of which waits for another,
-/// and a solve goes from block to block.
+/// The reciprocal condition number in the 1-norm of a matrix of which a packed triangle L is known: what reciprocal_condition of
+/// linear_solve.hpp computes, half a dozen solves one after the other, in each of which every entry waits for those before it. Up
+/// to some order the inverse itself costs less, and its norm is no estimate. Beyond, as an estimate needs no more than a digit,
+/// blocks of `width` on the diagonal are inverted before, none of which waits for another, and a solve goes from block to block.
 namespace kfstab::kernels::KFSTAB_KERNELS {
+
+/// Which matrix: L, L' or L L'.
+enum class Of { triangle, transpose, product };
 
 inline constexpr Index greatest_inverse = 3 * width;
 
@@ -22,9 +24,9 @@ KFSTAB_INLINE double largest_lane(V x) {
 }
 
 /// Largest sum of absolute values of a column of L, or of a row: |L|, |L'|.
-KFSTAB_INLINE double norm_of_packed(const V* L, Index K, bool transposed) {
+KFSTAB_INLINE double norm_of_packed(const V* L, Index K, Of of) {
   V most{};
-  if (!transposed) {
+  if (of == Of::triangle) {
     for (Index j = 0; j < K; j += width) {
       const V* block = L + packed_block(K, j);
       V sum[2] = {};
@@ -51,20 +53,21 @@ KFSTAB_INLINE double norm_of_packed(const V* L, Index K, bool transposed) {
   return largest_lane(most);
 }
 
-/// |L^{-1}| or |L'^{-1}|, of L^{-1}. work: (strips_of(K) + 1) K vectors
-KFSTAB_INLINE double norm_of_inverse(const V* L, Index K, bool transposed, V* work) {
+/// |L^{-1}| or |L'^{-1}|, of L^{-1}; or |(L L')^{-1}|. work: (strips_of(K) + 1) K vectors
+KFSTAB_INLINE double norm_of_inverse(const V* L, Index K, Of of, V* work) {
   const Strips X{work, K}, columns{work + strips_of(K) * K, K};
   for (Index k = 0; k < K; ++k) columns(0, k) = V{};
   V most{};
   each_group(0, strips_of(K), most_strips, [&](auto R, Index s) KFSTAB_INLINED {
-    const Index order = least(K, (s + R) * width);  // a row of L^{-1} ends at the diagonal
+    const Index order = of == Of::product ? K : least(K, (s + R) * width);  // a row of L^{-1} ends at the diagonal
     const Strips x = X.at(s, 0);
     for (Index k = 0; k < order; ++k)
       each(zero, R, [&](auto i) KFSTAB_INLINED {
         x(i, k) = lane_numbers == k - (s + i) * width ? splat(1) : V{};
       });
+    if (of == Of::product) divide_strips_transposed<decltype(R)::value>(x, L, K);
     divide_strips<decltype(R)::value>(x, L, K, order);
-    if (transposed) {
+    if (of != Of::triangle) {
       V rows[decltype(R)::value] = {};
       for (Index k = 0; k < order; ++k)
         each(zero, R, [&](auto i) KFSTAB_INLINED { rows[i] += magnitude(x(i, k)); });
@@ -74,7 +77,7 @@ KFSTAB_INLINE double norm_of_inverse(const V* L, Index K, bool transposed, V* wo
         each(zero, R, [&](auto i) KFSTAB_INLINED { columns(0, k) += magnitude(x(i, k)); });
     }
   });
-  if (transposed) return largest_lane(most);
+  if (of != Of::triangle) return largest_lane(most);
   for (Index k = 0; k < K; k += width) {
     V sum[width];
     each(zero, Constant<width>{}, [&](Index q) KFSTAB_INLINED { sum[q] = k + q < K ? columns(0, k + q) : V{}; });
@@ -142,15 +145,13 @@ __attribute__((noinline)) inline void solve_row_transposed(V* x, const V* L, Ind
 }
 
 /// An estimate of the same from below, as reciprocal_condition of linear_solve.hpp makes it. work: (3 + 2 width) strips_of(K) vectors
-__attribute__((noinline)) inline double estimate_of_inverse(const V* L, Index K, bool transposed, V* work) {
+__attribute__((noinline)) inline double estimate_of_inverse(const V* L, Index K, Of of, V* work) {
   const Index vectors = strips_of(K);
   V *const x = work, *const sign = work + vectors, *const alternating = work + 2 * vectors;
   const DiagonalInverses inverses(L, K, work + 3 * vectors);
-  const auto solve = [&](V* y, bool other) KFSTAB_INLINED {  // y := M^{-1} y; other: M'^{-1} y, M = L or L'
-    if (transposed != other)
-      solve_row(y, L, K, inverses);
-    else
-      solve_row_transposed(y, L, K, inverses);
+  const auto solve = [&](V* y, bool other) KFSTAB_INLINED {  // y := M^{-1} y; other: M'^{-1} y, M = L, L' or L L'
+    if (of == Of::product || (of == Of::transpose) == other) solve_row_transposed(y, L, K, inverses);
+    if (of == Of::product || (of == Of::transpose) != other) solve_row(y, L, K, inverses);
   };
   const auto sum = [&](const V* y) KFSTAB_INLINED {
     V s{};
@@ -206,14 +207,17 @@ __attribute__((noinline)) inline double estimate_of_inverse(const V* L, Index K,
   return larger(2 * sum(alternating) / static_cast<double>(3 * K), estimate);
 }
 
-/// 1 for K = 0; 0 where L is singular to the point of overflow.
-KFSTAB_INLINE double reciprocal_condition(const V* L, Index K, bool transposed, V* work) {
+/// 1 for K = 0; 0 where the matrix, of that norm, is singular to the point of overflow.
+KFSTAB_INLINE double reciprocal_condition(double norm, const V* L, Index K, Of of, V* work) {
   if (K == 0) return 1;
-  const double norm = norm_of_packed(L, K, transposed);
-  const double inverse = K <= greatest_inverse ? norm_of_inverse(L, K, transposed, work)
-                                               : estimate_of_inverse(L, K, transposed, work);
+  if (K == 1) return norm > 0 && norm - norm == 0 ? 1 : 0;
+  const double inverse = K <= greatest_inverse ? norm_of_inverse(L, K, of, work) : estimate_of_inverse(L, K, of, work);
   if (!(norm > 0) || norm - norm != 0 || inverse - inverse != 0) return 0;
   return 1 / norm / inverse;
+}
+/// The same of L or L'.
+KFSTAB_INLINE double reciprocal_condition(const V* L, Index K, Of of, V* work) {
+  return reciprocal_condition(K == 0 ? 1 : norm_of_packed(L, K, of), L, K, of, work);
 }
 
 }  // namespace kfstab::kernels::KFSTAB_KERNELS

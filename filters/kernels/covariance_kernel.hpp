@@ -62,6 +62,19 @@ KFSTAB_INLINE bool factor_columns(const Strips& H, Index t, Index last, P p) {
   return definite;
 }
 
+/// The reciprocal condition number of Re = L L' of that norm, of L in strips, or packed.
+template <Index P>
+KFSTAB_INLINE double condition_of_Re(Constant<P> p, double norm, const Strips& L, const V* packed, V* work) {
+  if constexpr (P <= 2 * width)
+    return small_reciprocal_condition<greatest(strips_of(P), 1), greatest(P, 1), Of::product>(
+        p, norm, [&](Index i, Index k) KFSTAB_INLINED { return splat(L.at(i / width, 0).entries(k)[i % width]); });
+  else
+    return reciprocal_condition(norm, packed, P, Of::product, work);
+}
+KFSTAB_INLINE double condition_of_Re(Index p, double norm, const Strips&, const V* packed, V* work) {
+  return reciprocal_condition(norm, packed, p, Of::product, work);
+}
+
 /// Sizes are Constants, or known at run time. False: it gave up, and what it was to write is undefined.
 template <class N, class M, class P>
 KFSTAB_INLINE bool covariance_step(N n, M m, P p, const CovarianceStep& step, V* work) {
@@ -76,6 +89,8 @@ KFSTAB_INLINE bool covariance_step(N n, M m, P p, const CovarianceStep& step, V*
   const Strips AB = take(n_strips, n + m), product = take(n_strips, n + greatest(m, p)), F = take(n_strips, n),
                C = take(p_strips, n), CP = take(p_strips, n), Q = take(m_strips, m), H = take(p_strips + n_strips, p),
                W = H.at(p_strips, 0);
+  V* const packed = work;  // V', and room for what its condition number is made of
+  work += packed_size(p) + (p_strips + one) * p;
 
   V difference{};  // x - x of all results: not 0 where one is not finite
   const auto load_rows = [&](const Strips& to, const Source& X, Index rows, Index columns) KFSTAB_INLINED {
@@ -86,12 +101,6 @@ KFSTAB_INLINE bool covariance_step(N n, M m, P p, const CovarianceStep& step, V*
   // The transpose of a matrix.
   const auto load_transposed = [&](const Strips& to, const Source& X, Index rows, Index columns) KFSTAB_INLINED {
     load_strips(Layout{true}, X, rows, columns, columns, strips_of(rows), to);
-  };
-  // The lower triangle of H, p x p, goes where X has its upper one.
-  const auto store_upper = [&](const Target& X) KFSTAB_INLINED {
-    for (Index s = 0; s < p_strips; ++s)
-      for (Index t = 0; t <= s; ++t)
-        difference += store_tile(Layout{true}, X, s * width, least(p - s * width, width), t * width, s == t, H.at(s, 0));
   };
   const auto store_column = [&](const Target& X, Index s, Index j, V column) KFSTAB_INLINED {
     difference += column - column;
@@ -120,18 +129,31 @@ KFSTAB_INLINE bool covariance_step(N n, M m, P p, const CovarianceStep& step, V*
         if (j + q < p) H(s, j + q) += tile[q];
       });
     }
-  store_upper(step.Re);
+  V most{};
+  for (Index s = 0; s < p_strips; ++s) {
+    for (Index t = 0; t <= s; ++t) transpose_tile<Part::lower>(H, s, p, t, p, H);
+  }
+  for (Index s = 0; s < p_strips; ++s) {
+    V sum{};
+    for (Index k = 0; k < p; ++k) sum += magnitude(H(s, k));
+    most = larger(sum, most);
+  }
+  const double norm = largest_lane(most);
+  difference += splat(norm - norm);
 
   // H := [V'; W], W = P C' V^{-1}
   for (Index t = 0; t < p_strips; ++t)
     if (!factor_columns(H, t, p_strips + n_strips, p)) return false;
-  store_upper(step.V);
+  for (Index s = 0; s < p_strips; ++s)
+    for (Index t = 0; t <= s; ++t)
+      difference += store_tile(Layout{true}, step.V, s * width, least(p - s * width, width), t * width, s == t, H.at(s, 0));
+  pack_lower(Layout{true}, {step.V.data, step.V.leading}, p, packed);
+  *step.rcond = condition_of_Re(p, norm, H, packed, packed + packed_size(p));
 
   // P_{k|k}, in the place of P, by its lower triangle
   const auto divide = [&]() KFSTAB_INLINED {  // W := Kf, Kf V' = W
-    pack_lower(Layout{true}, {step.V.data, step.V.leading}, p, work);
     each_group(0, n_strips, most_strips,
-               [&](auto R, Index s) KFSTAB_INLINED { divide_strips<decltype(R)::value>(W.at(s, 0), work, p); });
+               [&](auto R, Index s) KFSTAB_INLINED { divide_strips<decltype(R)::value>(W.at(s, 0), packed, p); });
   };
   if (step.joseph) {
     const Strips JK = take(n_strips, n + p), CR = take(greatest(n_strips, p_strips), p);

@@ -13,13 +13,14 @@ namespace kfstab::kernels {
 struct CovarianceStep {
   Index n = 0, m = 0, p = 0;
   bool joseph = false;
-  Source A, B, C;          ///< n x n, n x m, p x n
-  Source P, Q;             ///< symmetric; both triangles are read
-  Source R;                ///< symmetric; of Joseph's form both triangles are read, else the upper one
-  Target P_next;           ///< n x n, symmetric to the last bit
-  Target Re, V;            ///< p x p; their upper triangles are written
-  Target K;                ///< n x p: Kf
-  double* work = nullptr;  ///< covariance_step_work(n, m, p, joseph) doubles
+  Source A, B, C;           ///< n x n, n x m, p x n
+  Source P, Q;              ///< symmetric; both triangles are read
+  Source R;                 ///< symmetric; of Joseph's form both triangles are read, else the upper one
+  Target P_next;            ///< n x n, symmetric to the last bit
+  Target V;                 ///< p x p; its upper triangle is written
+  Target K;                 ///< n x p: Kf
+  double* rcond = nullptr;  ///< reciprocal condition number of Re in the 1-norm, an estimate from some order on
+  double* work = nullptr;   ///< covariance_step_work(n, m, p, joseph) doubles
 };
 
 /// How much workspace a step needs, whatever the instruction set.
@@ -27,7 +28,7 @@ constexpr Index covariance_step_work(Index n, Index m, Index p, bool joseph) {
   const auto rows = [](Index size) { return (size + 7) / 8 * 8; };  // of strips, of the widest vectors
   const Index more = m > p ? m : p, most = n > p ? n : p;
   return rows(n) * (3 * n + m + more + p) + rows(p) * (2 * n + p) + rows(m) * m +
-         (joseph ? rows(n) * (n + p) + rows(most) * p : 0) + (p + 8) * (p + 1) + 8;
+         (joseph ? rows(n) * (n + p) + rows(most) * p : 0) + (p + 8) * (p + 1) + (rows(p) + 8) * p + 8;
 }
 
 }  // namespace kfstab::kernels

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <string_view>
+
 #include <kfstab/filters/kernels/array_step.hpp>
 #include <kfstab/filters/kernels/batch_step.hpp>
 
@@ -32,5 +34,12 @@ inline const FixedKernels* const all_fixed_kernels[] = {&fixed_sse2, &fixed_avx2
 extern const FixedKernels fixed_only;
 inline const FixedKernels* const all_fixed_kernels[] = {&fixed_only};
 #endif
+
+/// Those that are compiled for the same machine; null for "plain".
+inline const FixedKernels* fixed_kernels(std::string_view isa) {
+  for (const FixedKernels* fixed : all_fixed_kernels)
+    if (fixed->isa == isa) return fixed;
+  return nullptr;
+}
 
 }  // namespace kfstab::test

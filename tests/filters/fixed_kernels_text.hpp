@@ -59,7 +59,7 @@ inline bool divide_one_row(double* x, const double* L, Index K, bool transposed,
 inline double estimate(const double* L, Index K, bool transposed) {
   const PackedTriangle packed(L, K);
   V work[(3 + 2 * width) * strips_of(most_divided)];
-  return estimate_of_inverse(packed.rows, K, transposed, work);
+  return estimate_of_inverse(packed.rows, K, transposed ? Of::transpose : Of::triangle, work);
 }
 
 #define KFSTAB_NAME_OF(isa) #isa

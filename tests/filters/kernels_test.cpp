@@ -252,13 +252,6 @@ TEST(Kernels, OfFixedSizesAreBackwardStable) {
   fixed_is_dynamic<5, 1, 0>();
 }
 
-/// Those that are compiled for the same machine.
-const FixedKernels* fixed_kernels(std::string_view isa) {
-  for (const FixedKernels* fixed : all_fixed_kernels)
-    if (fixed->isa == isa) return fixed;
-  return nullptr;
-}
-
 // Beside the kernels for any size, which the tests above hold against the plain text: all results, the right-hand side too.
 TEST(Kernels, OfFixedSizesAreThoseOfAnySize) {
   for (const kernels::Kernels& kernel : kernels::available()) {
