@@ -33,7 +33,6 @@ class SymmetricCovarianceFilter {
         P_(d.n, d.n), next_(d.n, d.n), filtered_(d.n, d.n), AP_(d.n, d.n), BQ_(d.n, d.m), reduction_(d.n, form == MeasurementUpdate::joseph ? d.n : 0),
         Re_(d.p, d.p), W_(d.n, d.p), gain_(d.n, d.p), next_gain_(d.n, d.p),
         x_(d.n), next_x_(d.n), filtered_x_(d.n), innovation_(d.p), work_(d.p), sign_(d.p),
-        Re_root_(d.p, d.p),
         kernel_work_(kernels::work_size<S, N, M, P>(d, form == MeasurementUpdate::joseph)) {
     P_.setZero();
     gain_.setZero();
@@ -175,7 +174,6 @@ class SymmetricCovarianceFilter {
                                                                  .Q = source(model.Q),
                                                                  .R = source(model.R),
                                                                  .P_next = target(next_),
-                                                                 .V = target(Re_root_),
                                                                  .K = target(next_gain_),
                                                                  .rcond = &rcond,
                                                                  .work = kernel_work_.data()});
@@ -196,7 +194,6 @@ class SymmetricCovarianceFilter {
   Matrix<S, N, P> W_, gain_, next_gain_;
   Vector<S, N> x_, next_x_, filtered_x_;
   Vector<S, P> innovation_, work_, sign_;
-  Matrix<S, P, P> Re_root_;  // V, as kernels leave it
   Vector<S> kernel_work_;
 };
 

@@ -129,10 +129,9 @@ KFSTAB_INLINE bool covariance_step(N n, M m, P p, const CovarianceStep& step, V*
         if (j + q < p) H(s, j + q) += tile[q];
       });
     }
-  V most{};
-  for (Index s = 0; s < p_strips; ++s) {
+  for (Index s = 0; s < p_strips; ++s)
     for (Index t = 0; t <= s; ++t) transpose_tile<Part::lower>(H, s, p, t, p, H);
-  }
+  V most{};
   for (Index s = 0; s < p_strips; ++s) {
     V sum{};
     for (Index k = 0; k < p; ++k) sum += magnitude(H(s, k));
@@ -144,10 +143,16 @@ KFSTAB_INLINE bool covariance_step(N n, M m, P p, const CovarianceStep& step, V*
   // H := [V'; W], W = P C' V^{-1}
   for (Index t = 0; t < p_strips; ++t)
     if (!factor_columns(H, t, p_strips + n_strips, p)) return false;
-  for (Index s = 0; s < p_strips; ++s)
-    for (Index t = 0; t <= s; ++t)
-      difference += store_tile(Layout{true}, step.V, s * width, least(p - s * width, width), t * width, s == t, H.at(s, 0));
-  pack_lower(Layout{true}, {step.V.data, step.V.leading}, p, packed);
+  for (Index t = 0; t < p_strips; ++t)
+    for (Index s = t; s < p_strips; ++s) {
+      V *const rows = packed + packed_block(p, t * width) + (s - t) * width, tile[width];
+      each(zero, Constant<width>{}, [&](Index q) KFSTAB_INLINED {
+        tile[q] = t * width + q < p ? in_lanes(s == t ? q : 0, width, H(s, t * width + q)) : V{};
+        difference += tile[q] - tile[q];
+      });
+      transpose(tile);
+      for (Index l = 0; l < least(p - s * width, width); ++l) rows[l] = tile[l];
+    }
   *step.rcond = condition_of_Re(p, norm, H, packed, packed + packed_size(p));
 
   // P_{k|k}, in the place of P, by its lower triangle

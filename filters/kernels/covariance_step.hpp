@@ -17,7 +17,6 @@ struct CovarianceStep {
   Source P, Q;              ///< symmetric; both triangles are read
   Source R;                 ///< symmetric; of Joseph's form both triangles are read, else the upper one
   Target P_next;            ///< n x n, symmetric to the last bit
-  Target V;                 ///< p x p; its upper triangle is written
   Target K;                 ///< n x p: Kf
   double* rcond = nullptr;  ///< reciprocal condition number of Re in the 1-norm, an estimate from some order on
   double* work = nullptr;   ///< covariance_step_work(n, m, p, joseph) doubles
