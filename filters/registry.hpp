@@ -20,5 +20,6 @@ const Metadata* find_filter(std::string_view id);
 /// KFSTAB_ISA names kernels that this machine cannot run.
 template <class Scalar>
 std::unique_ptr<AnyFilter<Scalar>> make_filter(std::string_view id);
+extern template std::unique_ptr<AnyFilter<double>> make_filter<double>(std::string_view);
 
 }  // namespace kfstab

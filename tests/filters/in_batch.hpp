@@ -8,9 +8,6 @@
 #include <kfstab/filters/batch.hpp>
 #include <kfstab/filters/instances.hpp>
 
-// The library has all filters of doubles: no need to compile them anew where in_batch() is.
-extern template std::unique_ptr<kfstab::AnyFilter<double>> kfstab::make_filter<double>(std::string_view);
-
 /// Batch as a filter of the registry, so that whatever is said of a filter can be said of one in a batch: laws, claims.
 namespace kfstab::test {
 

@@ -1,10 +1,7 @@
+// The instances are in instances_float.cpp: tests of the reference have need of them too.
 #include <gtest/gtest.h>
 
-#include <kfstab/filters/instances.hpp>
-
 #include "filters/beside_reference.hpp"
-
-template std::unique_ptr<kfstab::AnyFilter<float>> kfstab::make_filter<float>(std::string_view);
 
 namespace kfstab::test {
 

@@ -6,7 +6,7 @@
 
 #include <gtest/gtest.h>
 
-#include <kfstab/filters/instances.hpp>
+#include <kfstab/filters/registry.hpp>
 #include <kfstab/reference/definiteness.hpp>
 #include <kfstab/reference/error.hpp>
 #include <kfstab/reference/rounded.hpp>
@@ -14,8 +14,6 @@
 
 #include "filters/with_kernels.hpp"
 #include "support.hpp"
-
-template std::unique_ptr<kfstab::AnyFilter<float>> kfstab::make_filter<float>(std::string_view);
 
 namespace kfstab::reference::testing {
 namespace {
