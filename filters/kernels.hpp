@@ -96,13 +96,13 @@ Index work_size(Index rows_of_A, Index columns_of_B, Index rows_of_C) {
 inline constexpr Index least_states = 4;
 template <int n, int m, int p>
 bool run_sized(const CovarianceStep& step) {
-  if (step.n < least_states) return false;
+  if constexpr (n != Dynamic && n < least_states) return false;
 #ifdef KFSTAB_KERNELS
-  if constexpr (n != Dynamic && m != Dynamic && p != Dynamic)
-    if constexpr (KFSTAB_KERNELS::fixed_covariance_pays(n, m, p))
-      return KFSTAB_KERNELS::fixed_covariance_step<n, m, p>(step);
+  else if constexpr (n != Dynamic && m != Dynamic && p != Dynamic && KFSTAB_KERNELS::fixed_covariance_pays(n, m, p))
+    return KFSTAB_KERNELS::fixed_covariance_step<n, m, p>(step);
 #endif
-  return run(step);
+  else
+    return step.n >= least_states && run(step);
 }
 
 /// How much workspace that needs.

@@ -158,9 +158,12 @@ void fixed_is_accurate(const Dimensions& d) {
   }
 }
 
+// Compiled for vectors of two: Re has one vector of rows, two, and so many that its condition number is found as for any size. With
+// fewer than four states no kernel runs.
 TEST(CovarianceKernels, OfFixedSizesAreAccurate) {
-  fixed_is_accurate<ConventionalFilter<double, 3, 1, 2>, ConventionalFilter<long double>>({3, 1, 2});
+  fixed_is_accurate<ConventionalFilter<double, 4, 3, 2>, ConventionalFilter<long double>>({4, 3, 2});
   fixed_is_accurate<JosephFilter<double, 9, 1, 4>, JosephFilter<long double>>({9, 1, 4});
+  fixed_is_accurate<ConventionalFilter<double, 5, 1, 5>, ConventionalFilter<long double>>({5, 1, 5});
 }
 
 // A kernel gives up where something is wrong; what is scaled by a power of two is the same system but for the range.
