@@ -310,13 +310,13 @@ TEST(Updates, ReadOneTriangleOfTheStart) {
 TEST(FixedSizes, FollowTheRecursionAsDynamicOnesDo) {
   fixed_follows<SquareRootCovarianceFilter<double, 1, 1, 1>, RootModel<double>>("srcf");
   fixed_follows<SquareRootCovarianceFilter<double, 2, 1, 3>, RootModel<double>>("srcf");
-  fixed_follows<SquareRootCovarianceFilter<double, 3, 1, 2>, RootModel<double>>("srcf");
+  fixed_follows<SquareRootCovarianceFilter<double, 3, 2, 1>, RootModel<double>>("srcf");
   fixed_follows<ConventionalFilter<double, 3, 1, 2>, CovarianceModel<double>>("ckf");
-  fixed_follows<SquareRootInformationFilter<double, 3, 1, 2>, InformationModel<double>>("srif");
+  fixed_follows<SquareRootInformationFilter<double, 3, 2, 1>, InformationModel<double>>("srif");
   fixed_follows<UdFilter<double, 2, 1, 3>, RootModel<double>>("ud");
   fixed_follows<PotterFilter<double, 1, 1, 1>, RootModel<double>>("potter");
-  fixed_follows<CarlsonFilter<double, 3, 1, 2>, RootModel<double>>("carlson");
-  fixed_follows<InformationFilter<double, 3, 1, 2>, InformationModel<double>>("information");
+  fixed_follows<CarlsonFilter<double, 3, 2, 1>, RootModel<double>>("carlson");
+  fixed_follows<InformationFilter<double, 3, 2, 1>, InformationModel<double>>("information");
   fixed_follows<SvdFilter<double, 2, 1, 3>, RootModel<double>>("svd");
   fixed_follows<SvdFilter<double, 1, 1, 1>, RootModel<double>>("svd");
 }
